@@ -676,6 +676,7 @@ def test_what_slip_counts_from_is_that_of_the_step_before(name: str, case_of: Ca
 
 
 WORN = {"friction": COULOMB, "slide": [[0, 0.3], [1, 0.5], [2, 0.9]], "wear": {"k": [0.5, 1.0]}}
+STATE = {"law": "rate_and_state", "f0": 0.3, "a": 0.02, "b": 0.015, "Dc": "0.02 + 0.01*x", "V0": 0.01}
 REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the contact
     "wear": (2, WORN),
     "wear, held": (2, WORN),
@@ -689,6 +690,7 @@ REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the con
     "bilateral": (3, {"normal": {"law": "bilateral"},
                       "friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.2, "slip_length": 0.1}}),
     "rate": (3, {"friction": {"law": "rate_dependent", "mu": [[0, 0.1], [1, 0.4]]}}),
+    "state": (2, {"friction": STATE}),
 }  # fmt: skip
 
 
@@ -704,6 +706,18 @@ def remembering(name: str) -> tuple[Auditor, Any, Record]:
     audit._set_system(audit.start, record.time)
     (place,) = audit.cone.places
     return audit, place, record
+
+
+def by_time(name: str, then: Array, slip: Array, rows: Any, lasts: float) -> tuple[Array, Array]:
+    """Rate, after state by the aging law after a time of constant rate; and what makes lengths of them."""
+    if name == "rate":
+        return slip / lasts, np.asarray(lasts)
+    state = then[:, 0]
+    Dc = 0.02 + 0.01 * (rows.fields.to_tangential @ rows.fields.points)[:, 0]
+    steady = 0.01 * lasts / np.maximum(slip, 1e-300)
+    slides = steady + (np.exp(state) - steady) * np.exp(-slip / Dc)
+    theta = np.where(slip > 0, slides, np.exp(state) + 0.01 * lasts / Dc)
+    return np.column_stack([np.log(theta), slip / lasts]), np.column_stack([Dc, np.full(len(Dc), lasts)])
 
 
 @pytest.mark.parametrize("name", REMEMBERING)
@@ -727,7 +741,7 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
     counted[place.tangential] = np.where(closes, counted[place.tangential], start)
     moves = (rows.N_t @ u - counted[place.tangential] - record.p[place.tangential] / k_T).reshape(shape)
     slips = np.array([np.hypot.reduce(each[free]) for each, free in zip(moves, rows.free, strict=True)])
-    touched = np.where(pressed | two, slips, 0.0)
+    touched, unit = np.where(pressed | two, slips, 0.0), np.ones(1)
     then, now = dict[str, Array](), dict[str, Array]()
     points, aside = np.zeros(len(rows.W_n)), 0.5 - 0.45 if contact is WORN else 0.0
     if "wear" in name:
@@ -740,14 +754,15 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
         now = {"base.worn": 0.1 + (1.5 if contact is WORN else rates.get(name, places)) * path * p_n}
         now |= {"base.slid": 0.2 + path} if law else {}
     if law and law.remembers:
-        then["base"] = random.uniform(0.0, 0.1, len(slips))
-        now["base"] = then["base"] + touched
+        then["base"] = random.uniform(0.0, 0.1, (len(slips), 2)[: 1 + (name == "state")])
+        now["base"] = (then["base"].T + touched).T
         if contact is WORN:
             now["base"] = touched / np.hypot(touched, aside)
-        if name == "rate":
-            now["base"] = touched / lasts
 
     shown = {"base": {"wear": rows.node_pressure(now["base.worn"])}} if "wear" in name else {}
+    if name in ("rate", "state"):
+        now["base"], unit = by_time(name, then["base"], touched, rows, lasts)
+        shown = {"base": {"rate": rows.share_t.T @ touched / lasts}}
     record = replace(record, reference=counted, memory=now, stored=StoredFields(contacts=shown))
     before = replace(before, memory=then)
 
@@ -761,23 +776,29 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(where, name_of, instead, raising=False)
             assert_allclose(found(), 0.0, atol=1e-12)
+    with pytest.MonkeyPatch.context() as patch:  # of pairs that were found since, the memory is carried over
+        patch.setattr(audit, "_carried", lambda its, old: old.memory[its.name] + 0.02)
+        assert_allclose(found(), 0.0, atol=1e-12)
+        anew = {"searched": {"base": np.zeros(0)}, "memory": now | {"base": now.get("base", np.zeros(1)) + 0.02}}
+        assert name not in ("slip, springs", "bilateral") or max(found(**anew)) < 1e-12
     for row, free in enumerate(closes):
         other = counted.copy()
         other[place.tangential][row] += 0.01
         assert found(reference=other)[0] == pytest.approx(0.0 if free else (0.01 - 1e-6) / 100, rel=1e-9)
     for key, values in now.items():
-        by = 0.01 / lasts if name == "rate" else 0.01
-        for point in range(len(values)):
+        by = np.broadcast_to(0.01 / (unit if key == "base" else 1.0), values.shape)
+        for point in np.ndindex(values.shape):
             other = values.copy()
-            other[point] += by
+            other[point] += by[point]
             assert max(found(memory=now | {key: other})) >= (0.01 - 1e-6) / 100 * (1 - 1e-9)
         assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, 1e-9, 0.0).any() == (
             len(values) > 0
         )
     for contacts in shown.values():
-        wrong = contacts["wear"] + 0.01 * (np.arange(len(rows.node_gap)) == 1)
-        stored = StoredFields(contacts={"base": {"wear": wrong}})
-        expected = (0.01 - 1e-6) / np.abs([*wrong, *contacts["wear"]]).max()
+        ((key, values),) = contacts.items()
+        wrong = values + 0.01 * (np.arange(len(rows.node_gap)) == 1)
+        stored = StoredFields(contacts={"base": {key: wrong}})
+        expected = (0.01 - 1e-6) / np.abs([*wrong, *values]).max()
         assert max(found(stored=stored)) == pytest.approx(expected, rel=1e-9)
 
 
@@ -1331,7 +1352,6 @@ def test_a_moment_is_that_of_the_forces_on_the_other_side_up_to_slips_and_gaps(n
     assert audit._moment(place, silent) == 0.0
 
 
-STATE = {"law": "rate_and_state", "f0": 0.3, "a": 0.02, "b": 0.015, "Dc": "0.02 + 0.01*x", "V0": 0.01}
 SEEN: dict[str, tuple[int, dict[str, Any]]] = {
     "springs": (3, {"friction": SPRINGS}),
     "compliance": (3, {"normal": COMPLIANCE}),
