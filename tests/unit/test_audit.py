@@ -258,9 +258,11 @@ def test_the_worst_of_several_audits_is_taken_for_each_defect_and_hides_no_nan(c
         assert np.isnan(Audit.worst(audits)["cone"] or 0.0)
 
 
-def test_an_audit_without_contact_sees_equilibrium_only() -> None:
+@pytest.mark.parametrize("nu", [0.3, 0.499])  # whose dilatation is averaged
+def test_an_audit_without_contact_sees_equilibrium_only(nu: float) -> None:
     hold: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}}
-    scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
+    pull = {"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}}
+    scene = scene_of(supports=hold, loads=pull, bodies={"block": {"E": 1.0, "nu": nu}})
     simulation = prepare(scene)
     (step,) = simulation.steps()
     record = record_of(step)
@@ -890,6 +892,19 @@ def test_forces_of_compliant_pressures_are_those_of_a_form_that_knows_the_gap(na
     found = audit._contact_force(place, vector_of(audit, record), record, scales).array
     assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
     assert (list(audit._j_n) == ["base"]) is by_form
+
+
+@pytest.mark.parametrize("name", ["between bodies", "between bodies, compliance"])
+def test_forces_between_bodies_are_those_of_the_rows(name: str) -> None:
+    audit, _, record, _, scales = judged(scene_of(**SCENES[name]), seed=1)
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, p_n, t = place.rows, record.p[place.normal], record.p[place.tangential].reshape(-1, 1)
+    if "compliance" in name:
+        p_n = 40 * np.maximum(rows.N_n @ record.displacement[rows.input].ravel() - rows.gap, 0.0) ** 1.5
+    found = audit._contact_force(place, vector_of(audit, record), record, scales).array
+    expected = audit.system.interface.force_of(rows, p_n, t).array
+    assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_points_that_were_not_paired_before_were_not_pressed() -> None:
