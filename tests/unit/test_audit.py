@@ -1013,10 +1013,13 @@ def flat(dim: int, normal: Mapping[str, Any], friction: Mapping[str, Any] | None
     return {"contacts": {"base": base | ({"friction": friction} if friction else {})}, "supports": drive}
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("law", ["unilateral", "bilateral", "compliance"])
-def test_normal_defects_are_those_of_the_definition(law: str) -> None:
+def test_normal_defects_are_those_of_the_definition(law: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
-    audit, place, record, w, scales = judged(scene, seed=1)
+    audit, place, record, w, scales = judged(scene, seed)
+    scales = replace(scales, rest=5e-3)
+    monkeypatch.setattr(type(place.rows.normal), "penetration", None)  # which the audit has for itself
     penetration, negative, complementarity = [0.0], [0.0], [0.0]
     u = record.displacement[place.rows.input].ravel()
     for p, w_n, of_u in zip(record.p[place.normal], w[place.normal], place.rows.N_n @ u, strict=True):
@@ -1025,12 +1028,12 @@ def test_normal_defects_are_those_of_the_definition(law: str) -> None:
         if law == "bilateral":
             penetration.append(abs(into) / 0.3)
             continue
-        negative.append(-p / 0.2)
+        negative.append((-p - 5e-3) / 0.2)
         if law == "unilateral":
             penetration.append(into / 0.3)
-            complementarity.append(min(p / 0.2, -into / 0.3))
+            complementarity.append(min((p - 5e-3) / 0.2, -into / 0.3))
             continue
-        by_pressure = abs(p - 40 * max(of_u + 0.02, 0.0) ** 1.5) / 0.2
+        by_pressure = (abs(p - 40 * max(of_u + 0.02, 0.0) ** 1.5) - 5e-3) / 0.2
         by_depth = abs(into - (max(p, 0.0) / 40) ** (1 / 1.5)) / 0.3 if p > 0 or into > 0 else 0.0
         penetration.append(min(by_pressure, by_depth))
     found = audit._normal(place, record, w, scales)
@@ -1045,13 +1048,13 @@ def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> 
     k_T = 7.0 if "k_T" in law else np.inf
     scene = scene_of(3, **flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {})))
     audit, place, record, w, scales = judged(scene, seed)
-    rows = place.rows
+    rows, scales = place.rows, replace(scales, rest=5e-3)
     t = record.p[place.tangential].reshape(-1, 2)
     du = (w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T
     pressed = np.maximum(rows.average @ record.p[place.normal], 0.0)
     bounds = np.where(pressed > 0, np.inf, 0.0) if law == "stick" else 0.4 * pressed
     s_top = max(bounds[np.isfinite(bounds)].max(), module.FRICTION * 0.2)
-    excess, slip_law, work, some = [0.0], [0.0], 0.0, s_top * 0.3 * float(rows.W_t.sum())
+    excess, slip_law, work, rest, some = [0.0], [0.0], 0.0, 0.0, s_top * 0.3 * float(rows.W_t.sum())
     for t_i, du_i, s, weight in zip(t, du, bounds, rows.W_t, strict=True):
         moved = du_i if np.hypot(*du_i) > 2e-4 else 0 * du_i
 
@@ -1059,15 +1062,16 @@ def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> 
             return x if np.hypot(*x) <= s else x * s / np.hypot(*x)
 
         if np.isfinite(s):
-            excess.append((np.hypot(*t_i) - s) / s_top)
-        slip_law.append(np.hypot(*(disc(t_i) - disc(disc(t_i) + s_top / 0.3 * moved))) / s_top)
+            excess.append((np.hypot(*t_i) - s - 5e-3) / s_top)
+        slip_law.append((np.hypot(*(disc(t_i) - disc(disc(t_i) + s_top / 0.3 * moved))) - 5e-3) / s_top)
         work += weight * float(t_i @ moved)
+        rest += weight * 5e-3 * np.hypot(*moved)
         some += weight * max(np.hypot(*t_i), module.FRICTION * 0.2) * np.hypot(*moved)
     found = audit._tangential(place, record, w, scales)
-    assert_allclose(found, [max(excess), max(slip_law), max(-work, 0.0) / some], rtol=1e-9)
+    assert_allclose(found, [max(excess), max(slip_law), max(-work - rest, 0.0) / some], rtol=1e-9)
     back = replace(record, reference=2 * w - record.reference)  # slip along the traction where it was against it
     if k_T == np.inf:
-        assert_allclose(audit._tangential(place, back, w, scales)[2], max(work, 0.0) / some, rtol=1e-9)
+        assert_allclose(audit._tangential(place, back, w, scales)[2], max(work - rest, 0.0) / some, rtol=1e-9)
 
 
 @pytest.mark.parametrize("law", ["unilateral", "bilateral"])
@@ -1089,6 +1093,16 @@ def test_bounds_are_those_of_the_time_and_the_memory_of_a_step(law: str, monkeyp
                     if none:
                         patch.setattr(module, "bound", lambda *given: None)
                     assert_allclose(audit._bound(place, replace(record, memory=memory), given), expected)
+
+
+def test_orthotropic_bounds_are_those_along_the_tractions() -> None:
+    """On an ellipse four times as long along x."""
+    law = {"law": "orthotropic_coulomb", "mu_1": 0.4, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]}
+    audit, place, record, _, _ = judged(scene_of(3, **flat(3, {"law": "unilateral"}, law)), seed=1)
+    along, across = record.p[place.tangential].reshape(-1, 2).T
+    mean = np.maximum(place.rows.average @ record.p[place.normal], 0.0)
+    expected = 0.4 * mean * np.hypot(along, 0.25 * across) / np.hypot(along, across)
+    assert_allclose(audit._along_traction(place, record), expected)
 
 
 def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves() -> None:
