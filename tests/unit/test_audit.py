@@ -1046,11 +1046,13 @@ def test_normal_defects_are_those_of_the_definition(law: str, seed: int, monkeyp
 def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> None:
     friction = {"law": "stick"} if law == "stick" else {"law": "coulomb", "mu": 0.4}
     k_T = 7.0 if "k_T" in law else np.inf
-    scene = scene_of(3, **flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {})))
-    audit, place, record, w, scales = judged(scene, seed)
+    tables = flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {}))
+    tables["supports"]["side"] = {"boundary": "block.left", "displacement": {"x": -0.1}}  # no slip along x there
+    audit, place, record, w, scales = judged(scene_of(3, **tables), seed)
     rows, scales = place.rows, replace(scales, rest=5e-3)
     t = record.p[place.tangential].reshape(-1, 2)
-    du = (w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T
+    du = ((w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T) * rows.free
+    assert not rows.free.all()
     pressed = np.maximum(rows.average @ record.p[place.normal], 0.0)
     bounds = np.where(pressed > 0, np.inf, 0.0) if law == "stick" else 0.4 * pressed
     s_top = max(bounds[np.isfinite(bounds)].max(), module.FRICTION * 0.2)
@@ -1072,6 +1074,12 @@ def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> 
     back = replace(record, reference=2 * w - record.reference)  # slip along the traction where it was against it
     if k_T == np.inf:
         assert_allclose(audit._tangential(place, back, w, scales)[2], max(work - rest, 0.0) / some, rtol=1e-9)
+    for point, expected in enumerate(slip_law[1:]):  # where one alone slips it is the largest
+        still = w.copy()
+        still[place.tangential] -= t.ravel() / k_T
+        still[place.tangential].reshape(t.shape)[point] = record.reference[place.tangential].reshape(t.shape)[point]
+        alone = audit._tangential(place, replace(record, reference=still), w, scales)
+        assert alone[1] == pytest.approx(max(expected, 0.0), rel=1e-9)
 
 
 @pytest.mark.parametrize("law", ["unilateral", "bilateral"])
@@ -1114,6 +1122,8 @@ def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_mo
     for traction, wasted in ((1e-6 * p, 1e-6), (p, 1.0)):
         found = audit._tangential(place, replace(record, p=traction), far, scales)[2]
         assert found == pytest.approx(wasted, rel=0.01)
+    least = replace(scales, p=1e-200, u={"base": 1e-200})  # whose product is below the smallest number
+    assert audit._tangential(place, replace(record, p=0 * p, reference=w), w, least) == (0.0, 0.0, 0.0)
 
 
 def test_scales_are_those_of_the_largest_tractions() -> None:
