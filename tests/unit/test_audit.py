@@ -973,7 +973,9 @@ def test_where_nothing_is_closed_yet_all_of_a_narrow_body_gives() -> None:
     audit, place, record, _, _ = judged(
         scene_of(2, {"length": 0.5}, bodies={"block": wood}, **flat(2, {"law": "unilateral"})), seed=1
     )
-    assert audit._give(place.rows, 0 * record.p[place.normal]) == pytest.approx(0.5 / 0.4)
+    for part in (1.0, 0.1):  # of the side
+        rows = replace(place.rows, W_n=part * place.rows.W_n)
+        assert audit._give(rows, 0 * record.p[place.normal]) == pytest.approx(part * 0.5 / 0.4)
 
 
 def given(simulation: Simulation, **fields: Any) -> Record:
@@ -1034,8 +1036,15 @@ def test_normal_defects_are_those_of_the_definition(law: str, seed: int, monkeyp
             complementarity.append(min((p - 5e-3) / 0.2, -into / 0.3))
             continue
         by_pressure = (abs(p - 40 * max(of_u + 0.02, 0.0) ** 1.5) - 5e-3) / 0.2
-        by_depth = abs(into - (max(p, 0.0) / 40) ** (1 / 1.5)) / 0.3 if p > 0 or into > 0 else 0.0
+        apart = max(abs(w_n + 0.02 - (max(p, 0.0) / 40) ** (1 / 1.5)) - 2e-4, 0.0)
+        by_depth = apart / 0.3 if p > 0 or into > 0 else 0.0
         penetration.append(min(by_pressure, by_depth))
+    exact = record.p.copy()  # but at one point
+    exact[place.normal] = 40 * np.maximum(place.rows.N_n @ u + 0.02, 0.0) ** 1.5
+    for point, expected in enumerate(penetration[1:]) if law == "compliance" else ():
+        p = np.where(np.arange(len(exact)) == point, record.p, exact)
+        found = audit._normal(place, replace(record, p=p), w, scales)
+        assert found[0] == pytest.approx(max(expected, 0.0), rel=1e-9)
     found = audit._normal(place, record, w, scales)
     assert_allclose(found, [max(penetration), max(negative), max(complementarity)], rtol=1e-9)
     assert found[0] > 0
@@ -1525,10 +1534,11 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
         monkeypatch.setattr(fresh._second, "differences", differences)
         monkeypatch.setattr(fresh, "_terms", {"load": 0.5, "other load": None})
         assert fresh(record, before).numbers == 0.5
-        told = {key: value for key, value in record.stored.told["energy"].items() if key in given["energy"]}
+        keys = ("external", "stored", "contact", "compliance", "dissipated", "time_remainder")
+        told = {key: record.stored.told["energy"][key] for key in keys}
         assert given["energy"] == pytest.approx(told, rel=1e-6)
         assert [name for name in fresh.shared if name.startswith("energy")] == said
-    assert min(abs(told[key]) for key in ("external", "stored", "contact", "compliance", "dissipated")) > 1e-6
+    assert min(abs(told[key]) for key in keys[:-1]) > 1e-6
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])
