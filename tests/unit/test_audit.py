@@ -915,6 +915,7 @@ def test_forces_that_no_form_has_are_those_of_the_rows(name: str) -> None:
         found = audit._contact_force(place, vector_of(audit, record), record, scales).array
         expected = audit.system.interface.force_of(rows, p_n, t).array
         assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert not audit._multiplier_forces  # no form was asked
 
 
 def test_points_that_were_not_paired_before_were_not_pressed() -> None:
