@@ -2,8 +2,9 @@
 
 `make mutants` tests all modules of mutants.toml, `make mutants ONLY="laws path"` some of them, on one core, in one to
 ten minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or
-argument is changed at a time, then the tests of the module that call its function are run, until one fails. Their order
-is mutmut's: a test that passes only after another would seem to notice every change, so all are run backwards before.
+argument is changed at a time, then the tests of the module that call its function are run, until one fails: those that
+call few functions first. A test that passes only after another would seem to notice every change, so all are run
+backwards before.
 
 Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the
 reason belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now,
