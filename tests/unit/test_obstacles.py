@@ -192,7 +192,7 @@ def test_a_graph_has_a_height_over_each_point() -> None:
         Graph(height=ALONG_Y).check_points(np.array([[0.5, 0.5, 0.0], [0.5, 7.0, 0.0]]))
 
 
-@pytest.mark.parametrize(("size", "shift"), [(1e-6, 0.0), (1.0, 1e5), (1e6, 0.0)])
+@pytest.mark.parametrize(("size", "shift"), [(1e-9, 0.0), (1.0, 1e5), (1e6, 0.0)])
 def test_a_graph_of_any_size_anywhere_is_that_of_size_one(size: float, shift: float) -> None:
     """The circle of radius 2, and the plane y = -x."""
     x = size * np.array([[-1.0, 1.0], [0.5, 3.0], [1.0, 1.0], [1.0, 1.5]])
