@@ -18,7 +18,7 @@ from stickslip.geometry.expression import Expression, Varying, check_varying
 from stickslip.geometry.keys import Key, Noun
 
 AXES = ("x", "y", "z")
-KEYS = {"csv": "a file with a line of names", "over": "axes x, y, z: columns of places", "height": "column of heights"}
+KEYS = ("csv", "over", "height", "plus")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +40,7 @@ class HeightMap(Noun):
         require(wrong is None, "rows", list(wrong or ()), f"expected rows of {count} numbers, the height last")
         places = [row[:-1] for row in self.rows]
         require(len(set(places)) == len(places), "rows", len(places), "rows; a place is listed twice")
-        spread = np.ptp(np.array(places), axis=0) if places else np.zeros(1)
-        if len(self.rows) < count or not (spread > 0).all():
+        if len(places) < count or np.linalg.matrix_rank(np.array(places) - places[0]) < len(self.over):
             raise SceneError(f"rows: {len(self.rows)} places do not span {', '.join(self.over)}")
 
     @cached_property
@@ -90,13 +89,13 @@ class HeightMap(Noun):
         found[:, columns] = np.clip(points[:, columns], *self._box)
         return found
 
-    def __call__(self, points: Array, key: str = "map") -> Array:
+    def __call__(self, points: Array, key: str) -> Array:
         """The same where all points lie in the map; the key is named in errors.
 
         Raises:
             SceneError: a point lies outside the map.
 
-        >>> HeightMap(over=("x",), rows=((0.0, 0.0), (2.0, 4.0)))(np.array([[0.5, 7.0]]))
+        >>> HeightMap(over=("x",), rows=((0.0, 0.0), (2.0, 4.0)))(np.array([[0.5, 7.0]]), "gap")
         array([1.])
         """
         found, at, (low, high) = self.heights(points), self._along(points), self._box
@@ -117,21 +116,22 @@ class FieldTable:
 
     @staticmethod
     def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
-        def accept(value: Any) -> Any:
-            if isinstance(value, HeightMap):
-                return value
-            if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
-                raise PydanticKnownError("tuple_type")
-            if "csv" not in value:
-                return HeightMap(**value)
-            return read_csv(value) if "time" in value else read_map(value)
-
-        return core_schema.no_info_plain_validator_function(accept)
+        return core_schema.no_info_plain_validator_function(_accepted)
 
     @staticmethod
     def __get_pydantic_json_schema__(schema: Any, handler: Callable[[Any], Any]) -> dict[str, Any]:
         keys = "{ csv, over, height, plus }, { over, rows, plus } or { csv, time, column }"
         return {"type": "object", "description": keys}
+
+
+def _accepted(value: Any) -> HeightMap | Table:
+    if isinstance(value, HeightMap):
+        return value
+    if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
+        raise PydanticKnownError("tuple_type")
+    if "csv" not in value:
+        return HeightMap(**value)
+    return read_csv(value) if "time" in value else read_map(value)
 
 
 def read_map(keys: Mapping[str, Any]) -> HeightMap:
@@ -145,19 +145,20 @@ def read_map(keys: Mapping[str, Any]) -> HeightMap:
         SceneError: key, value, what is expected.
     """
     for key in keys:
-        if key not in {*KEYS, "plus"}:
-            raise SceneError(f"{key}: unknown key; {nearest(str(key), (*KEYS, 'plus'))}")
+        if key not in KEYS:
+            raise SceneError(f"{key}: unknown key; {nearest(key, KEYS)}")
     for key in ("csv", "height"):
         require(isinstance(keys.get(key, ""), str), key, keys.get(key), "expected a text, in quotes")
     path = Path(keys["csv"])
     header = header_of(path)
     height = keys.get("height", header[-1] if header else "")
-    over = tuple(keys.get("over", [name for name in header if name != height]))
+    chosen = keys.get("over", [name for name in header if name != height])
+    over = tuple(chosen) if isinstance(chosen, list | tuple) else (chosen,)
     names = {**{f"over.{k}": axis for k, axis in enumerate(over)}, "height": height}
     require(over in _choices(), "over", list(over), f"expected one or two of x, y, z, columns of {path.name}")
     rows = tuple(row for _, row in rows_of(path, names))
     require(len(rows) > 0, "csv", path, "has no rows below the names of its columns")
-    return HeightMap(over=over, rows=rows, **({"plus": keys["plus"]} if "plus" in keys else {}))
+    return HeightMap(over=over, rows=rows, plus=keys.get("plus", 0.0))
 
 
 Field = float | Table | str | Annotated[HeightMap, FieldTable]

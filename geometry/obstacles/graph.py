@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
@@ -68,38 +67,34 @@ class Graph(Obstacle):
         upward /= np.linalg.norm(upward, axis=1, keepdims=True)
         return np.asarray(-upward if self.under else upward)
 
-    def distance(self, x: Sequence[Any], sqrt: Callable[[Any], Any]) -> Any:
-        raise AssertionError("a graph is not `written_in_operators`")
-
     def _nearest(self, points: Array) -> tuple[Array, Array]:
         """Nearest points of the surface (m, d) [m], by Gauss and Newton's method, and the slopes there (m, d-1).
 
         Far away, where several are nearest, it is one of them.
         """
         at, found = points[:, :-1], points[:, :-1].copy()
+        reach = CLOSE * (np.abs(at - at[:1]).max(initial=0.0) or 1.0)
         for _ in range(STEPS):
-            slope, above = self._slopes(found), points[:, -1] - self._heights(found)
+            slope, above = self._slopes(found, reach), points[:, -1] - self._heights(found)
             r = at - found + above[:, None] * slope
             step = r - slope * (np.einsum("mk,mk->m", slope, r) / (1 + (slope**2).sum(axis=1)))[:, None]
             found = self._clipped(found + step)
             if not np.nanmax(np.abs(step), initial=0.0) > EXACT * np.abs(points).max(initial=0.0):
                 break
-        return np.column_stack([found, self._heights(found)]), self._slopes(found)
+        return np.column_stack([found, self._heights(found)]), self._slopes(found, reach)
 
     def _heights(self, at: Array) -> Array:
         if isinstance(self.height, HeightMap):
             return self.height.heights(at)
         return Expression(self.height)(at, time=1.0, end=1.0)
 
-    def _slopes(self, at: Array) -> Array:
-        """Derivatives (m, d-1) [-] of the height, by central differences."""
-        known = at[np.isfinite(at).all(axis=1)]  # points beyond a map have no nearest one
-        reach = CLOSE * ((np.ptp(known, axis=0).max(initial=0.0) if len(known) else 0.0) or 1.0)
+    def _slopes(self, at: Array, reach: float) -> Array:
+        """Derivatives (m, d-1) [-] of the height, by central differences; NaN beyond a map."""
         slopes = []
         for k, axis in enumerate(np.eye(at.shape[1])):
             before, behind = self._clipped(at - reach * axis), self._clipped(at + reach * axis)
             rise, width = self._heights(behind) - self._heights(before), (behind - before)[:, k]
-            slopes.append(np.divide(rise, width, out=np.full_like(rise, np.nan), where=width > 0))
+            slopes.append(rise / np.where(width > 0, width, np.nan))
         return np.stack(slopes, axis=1)
 
     def _clipped(self, at: Array) -> Array:

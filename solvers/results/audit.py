@@ -368,16 +368,14 @@ class Auditor:
 
         On a plane through the origin gaps are exact, however large the body is.
         """
-        rows, problem = place.rows, self.system.problem
+        rows, system, problem = place.rows, self.system, self.system.problem
         pair, motion = problem.pairs[rows.name], float(np.abs(record.w).max(initial=0.0))
         normals = np.abs(rows.frames[:, 0])
         size = _largest(np.einsum("nd,nd->n", normals, np.abs(rows.surface.points)))
-        if pair.obstacle is None:
-            return size + motion
-        obstacle = problem.obstacles[pair.obstacle]
-        if not isinstance(obstacle, Plane):
-            return self.system.extent + motion
-        return size + _largest(normals @ np.abs(obstacle.point)) + motion
+        if pair.obstacle is not None:
+            obstacle = problem.obstacles[pair.obstacle]
+            size = size + _largest(normals @ np.abs(obstacle.point)) if isinstance(obstacle, Plane) else system.extent
+        return size + motion
 
     def _supports(self, record: Record, u: Vec) -> float:
         """Prescribed displacements that are not met, see `Audit` [-]; periodic sides move alike."""
@@ -457,14 +455,15 @@ class Auditor:
             found -= float(np.sum(place.rows.W_n * (pressed + old_pressed) / 2 * (offset - old_offset)))
         return found
 
-    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array, Array, Array, Array | float]:
+    def _end(self, place: ContactBlock, record: Record | None) -> tuple[Array | float, ...]:
         """Forces [N] and motions [m] of a contact's nodes, its pressures [Pa] and gap offsets [m]; None: at rest."""
         rows = place.rows
-        offset = rows.fields.offsets(record.time if record else 0.0)[0] if rows.fields else 0.0
+        assert rows.fields is not None
+        offset = rows.fields.offsets(record.time if record else 0.0)[0]
         if record is None:
-            return np.zeros_like(rows.points), np.zeros_like(rows.points), np.zeros(len(rows.W_n)), offset
-        p_n, t = record.p[place.normal], record.p[place.tangential].reshape(-1, place.components)
-        return rows.nodal_forces(p_n, t), self._motion(rows, record), p_n, offset
+            return 0.0, 0.0, 0.0, offset
+        p_n = record.p[place.normal]
+        return rows.nodal_forces(p_n, record.p[place.tangential]), self._motion(rows, record), p_n, offset
 
     def _compliance(self, place: ContactBlock, record: Record) -> float:
         """Energy that the laws of a contact store [J]."""
@@ -536,13 +535,12 @@ class Auditor:
 
     def _aside(self, place: ContactBlock, record: Record) -> float:
         """Work in a step of friction on the sliding out of the plane [J]."""
-        rows, law, p_n = place.rows, place.rows.friction, record.p[place.normal]
+        rows, law = place.rows, place.rows.friction
         if not isinstance(law, Turned) or law.points is None:
             return 0.0
         lasts = record.time - (self._before.time if self._before is not None else 0.0)
         far, share = slid(law.slide, law.points, record.time, lasts, law.end), record.memory[rows.name]
-        whole = bound(law.of, rows.normal, p_n, rows.average, record.time, law.end, share)
-        whole = whole if whole is not None else law.of.limit(p_n, rows.average, rows.normal, record.time, law.end)
+        whole = self._bound(place, record, np.ones_like(share))
         return float(rows.W_t @ (whole * np.sqrt(np.maximum(1 - share**2, 0.0)) * far))
 
     def _fields(self, record: Record, before: Record | None, w: Array, scales: Scales) -> float:
@@ -713,11 +711,16 @@ class Auditor:
         own = pressure(law, closing)
         return own if own is not None else law.pressure(closing)
 
-    def _bound(self, place: ContactBlock, record: Record) -> Array:
-        """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one."""
+    def _bound(self, place: ContactBlock, record: Record, memory: Array | None = None) -> Array:
+        """Friction bound (m_t,) [Pa] at the stored pressures, by the second formula if there is one.
+
+        Args:
+            memory: of the law (m_t,); by default the stored one.
+        """
         rows, p_n = place.rows, record.p[place.normal]
         assert rows.friction is not None
-        memory, now = record.memory.get(rows.name, np.zeros(len(rows.W_t))), (record.time, self.cone.end)
+        now = record.time, self.cone.end
+        memory = record.memory.get(rows.name, np.zeros(len(rows.W_t))) if memory is None else memory
         own = bound(rows.friction, rows.normal, p_n, rows.average, *now, memory)
         return own if own is not None else rows.friction.at(memory).limit(p_n, rows.average, rows.normal, *now)
 

@@ -2,8 +2,9 @@
 
 `make mutants` tests all modules of mutants.toml, `make mutants ONLY="laws path"` some of them, on one core, in one to
 ten minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or
-argument is changed at a time, then the tests of the module that call its function are run, until one fails. Their order
-is mutmut's: a test that passes only after another would seem to notice every change, so all are run backwards before.
+argument is changed at a time, then the tests of the module that call its function are run, until one fails: those that
+call few functions first. A test that passes only after another would seem to notice every change, so all are run
+backwards before.
 
 Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the
 reason belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now,
@@ -29,7 +30,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 WORK = ROOT / "build" / "mutants"  # copies of the code, a folder for each module
 TABLE = Path(__file__).with_name("mutants.toml")
-REVERSED = Path(__file__).with_name("reversed_order.py")  # a plugin of pytest
+PLUGINS = Path(__file__).parent  # of pytest: reversed_order, closest_first
 PACKAGE = "stickslip"
 COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip", "pyproject.toml")
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
@@ -109,7 +110,8 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
         "source_paths": sorted({f"{PACKAGE}/{name.split('/')[0]}" for name in files}),  # named as they are imported
         "only_mutate": [f"{PACKAGE}/{name}" for name in files],
         "also_copy": COPIED,
-        "pytest_add_cli_args": ["-p", "no:cacheprovider", "-m", "not slow"],
+        # a traceback would read the file, fifty times as long with all mutants in it: that takes seconds
+        "pytest_add_cli_args": ["--tb=no", "-p", "no:cacheprovider", "-p", "closest_first", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
         "timeout_multiplier": ["5"],  # of processor time
         "track_dependencies": ["false"],
@@ -119,24 +121,32 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
     (folder / "setup.cfg").write_text("[mutmut]\n" + text)
     with (folder / "log.txt").open("w") as log:
         run = subprocess.run(
-            [sys.executable, "-m", "mutmut", "run", "--max-children", "1"], cwd=folder, stdout=log, stderr=log
+            [sys.executable, "-m", "mutmut", "run", "--max-children", "1"],
+            cwd=folder,
+            env=_with_plugins(),
+            stdout=log,
+            stderr=log,
         )
     return Tally(module, *_results(folder, run.returncode))
 
 
 def _check_order(module: str, tests: Sequence[str]) -> None:
     """Exit if tests fail in another order: one that needs another before it would seem to notice every mutant."""
-    options = ["-q", "-p", "no:cacheprovider", "-p", REVERSED.stem, "-m", "not slow"]
-    paths = [str(REVERSED.parent), *filter(None, [os.environ.get("PYTHONPATH")])]
+    options = ["-q", "-p", "no:cacheprovider", "-p", "reversed_order", "-m", "not slow"]
     run = subprocess.run(
         [sys.executable, "-m", "pytest", *options, *tests],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        env=_with_plugins(),
         capture_output=True,
         text=True,
     )
     if run.returncode:
         sys.exit(f"{run.stdout[-3000:]}\n{module}: these tests fail in reverse order")
+
+
+def _with_plugins() -> dict[str, str]:
+    paths = [str(PLUGINS), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 def _results(folder: Path, code: int) -> tuple[Mapping[str, int], tuple[Mutant, ...]]:

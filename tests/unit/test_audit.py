@@ -13,17 +13,18 @@ from numpy.testing import assert_allclose
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
 from shared.problems import plane, scene_of
-from stickslip.geometry.arrays import EPS, ROUNDING, SLIGHT, Array
+from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
 from stickslip.solvers.laws.friction import Coulomb, Tresca
-from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.normal import Compliance, Unilateral
 from stickslip.solvers.parallel.gather import nodes_of
 from stickslip.solvers.results import audit as module
 from stickslip.solvers.results.audit import Audit, Auditor, Record, Scales, _largest
 from stickslip.solvers.results.step_result import OPEN, SLIP, STICK, StepResult
 from stickslip.solvers.results.stored_fields import MultiplierForces, StoredFields
+from stickslip.solvers.scene.record import STATUS_WORDS
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.simulation.resolve import resolve
 from stickslip.solvers.simulation.simulation import Simulation
@@ -212,6 +213,17 @@ def test_every_stored_field_of_a_contact_is_read(case: Case, name: str) -> None:
     assert case.audit(replace(records[1], stored=stored), records[0]).fields > 1e-6
 
 
+def test_vectors_of_the_plane_that_a_file_has_in_space_are_read(case: Case) -> None:
+    records = [replace(record_of(step), stored=stored_by(step, case.steps[0])) for step in case.steps]
+    padded = []
+    for record in records:
+        (base,) = record.stored.contacts.values()
+        space = {k: np.column_stack([v, 0 * v[:, :1]]) if np.ndim(v) == 2 else v for k, v in base.items()}
+        padded.append(replace(record, stored=replace(record.stored, contacts={"base": space})))
+    assert case.audit(padded[1], padded[0]) == case.audit(records[1], records[0])
+    assert case.audit(records[1], records[0]).numbers < CLEAN
+
+
 def test_stress_equivalent_stress_and_status_are_read(case: Case) -> None:
     record = replace(case.record, stored=stored_by(case.step))
     stored = record.stored
@@ -246,16 +258,18 @@ def test_the_worst_of_several_audits_is_taken_for_each_defect_and_hides_no_nan(c
         assert np.isnan(Audit.worst(audits)["cone"] or 0.0)
 
 
-def test_an_audit_without_contact_sees_equilibrium_only() -> None:
+@pytest.mark.parametrize("nu", [0.3, 0.499])  # whose dilatation is averaged
+def test_an_audit_without_contact_sees_equilibrium_only(nu: float) -> None:
     hold: dict[str, Any] = {"top": {"boundary": "block.top", "displacement": {"x": 0.0, "y": 0.0}}}
-    scene = scene_of(supports=hold, loads={"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}})
+    pull = {"pull": {"boundary": "block.bottom", "traction": [0.1, -0.2]}}
+    scene = scene_of(supports=hold, loads=pull, bodies={"block": {"E": 1.0, "nu": nu}})
     simulation = prepare(scene)
     (step,) = simulation.steps()
     record = record_of(step)
     audit = Auditor(resolve(scene), simulation.mesh)
     found = asdict(audit(record))
     assert found.pop("equilibrium") < 1e-13
-    assert 0 < found.pop("rounding") < 1e-13
+    assert 0 < found.pop("rounding") < 1e-13 / (1 - 2 * nu)  # by which volumes are stiffer
     assert set(found.values()) == {0.0}
     assert audit(replace(record, displacement=1.1 * step.displacement)).equilibrium > 0.01
     assert max(asdict(audit(replace(record, stored=stored_by(step)))).values()) < 1e-12
@@ -510,7 +524,7 @@ def table(contact: Mapping[str, Any], obstacle: Mapping[str, Any] = HILL, **more
 
 SCENES: dict[str, dict[str, Any]] = {
     "springs": table({"friction": SPRINGS}),
-    "sliding": table({"friction": {"law": "coulomb", "mu": 0.3}, "sliding": True}),
+    "sliding": table({"friction": {"law": "coulomb", "mu": [[0, 0.1], [2, 0.3]]}, "sliding": True}),
     "sliding springs": table({"friction": SPRINGS, "sliding": True}),
     "compliance": table({"normal": COMPLIANCE, "friction": SPRINGS}),
     "sliding compliance": table({"normal": COMPLIANCE, "friction": TRESCA, "sliding": True}),
@@ -664,21 +678,27 @@ def test_what_slip_counts_from_is_that_of_the_step_before(name: str, case_of: Ca
 
 
 WORN = {"friction": COULOMB, "slide": [[0, 0.3], [1, 0.5], [2, 0.9]], "wear": {"k": [0.5, 1.0]}}
+STATE = {"law": "rate_and_state", "f0": 0.3, "a": 0.02, "b": 0.015, "Dc": "0.02 + 0.01*x", "V0": 0.01}
 REMEMBERING: dict[str, tuple[int, dict[str, Any]]] = {  # dimension, and the contact
     "wear": (2, WORN),
     "wear, held": (2, WORN),
     "wear without friction": (2, {"slide": 0.3, "wear": {"k": 2.0}}),
     "wear by slip alone": (2, {"friction": COULOMB, "wear": {"k": 2.0}}),
+    "wear of tables": (2, {"friction": COULOMB, "wear": {"k": [[0, 1.0], [1, 3.0]], "by": "pressure"}}),
+    "wear of a path": (2, {"friction": COULOMB, "wear": {"k": [[0, 1.0], [1, 3.0]], "by": "slip"}}),
+    "wear of places": (2, {"friction": COULOMB, "wear": {"k": "1 + x"}}),
+    "wear of places and times": (2, {"friction": COULOMB, "wear": {"k": "1 + x*t"}}),
     "slip, springs": (3, {"friction": {"law": "slip_dependent", "mu": [[0, 0.4], [1, 0.2]], "k_T": 7.0}}),
     "bilateral": (3, {"normal": {"law": "bilateral"},
                       "friction": {"law": "static_kinetic", "mu_s": 0.4, "mu_k": 0.2, "slip_length": 0.1}}),
     "rate": (3, {"friction": {"law": "rate_dependent", "mu": [[0, 0.1], [1, 0.4]]}}),
+    "state": (2, {"friction": STATE}),
 }  # fmt: skip
 
 
 def remembering(name: str) -> tuple[Auditor, Any, Record]:
     """Tractions and motions that no solver has seen, at 1 s."""
-    dim, contact = REMEMBERING.get(name, (2, {"friction": COULOMB, "slide": WORN["slide"]}))
+    dim, contact = REMEMBERING.get(name, (2, {"friction": COULOMB, "slide": 0.4}))
     held = "block.bottom" if "held" in name else "block.right"  # no row, or a row or a direction less
     supports = {"side": {"boundary": held, "displacement": {"x": 0.0}}}
     base = {"surface": "block.bottom", "against": "foundation"} | contact
@@ -688,6 +708,18 @@ def remembering(name: str) -> tuple[Auditor, Any, Record]:
     audit._set_system(audit.start, record.time)
     (place,) = audit.cone.places
     return audit, place, record
+
+
+def by_time(name: str, then: Array, slip: Array, rows: Any, lasts: float) -> tuple[Array, Array]:
+    """Rate, after state by the aging law after a time of constant rate; and what makes lengths of them."""
+    if name == "rate":
+        return slip / lasts, np.asarray(lasts)
+    state = then[:, 0]
+    Dc = 0.02 + 0.01 * (rows.fields.to_tangential @ rows.fields.points)[:, 0]
+    steady = 0.01 * lasts / np.maximum(slip, 1e-300)
+    slides = steady + (np.exp(state) - steady) * np.exp(-slip / Dc)
+    theta = np.where(slip > 0, slides, np.exp(state) + 0.01 * lasts / Dc)
+    return np.column_stack([np.log(theta), slip / lasts]), np.column_stack([Dc, np.full(len(Dc), lasts)])
 
 
 @pytest.mark.parametrize("name", REMEMBERING)
@@ -711,7 +743,7 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
     counted[place.tangential] = np.where(closes, counted[place.tangential], start)
     moves = (rows.N_t @ u - counted[place.tangential] - record.p[place.tangential] / k_T).reshape(shape)
     slips = np.array([np.hypot.reduce(each[free]) for each, free in zip(moves, rows.free, strict=True)])
-    touched = np.where(pressed | two, slips, 0.0)
+    touched, unit = np.where(pressed | two, slips, 0.0), np.ones(1)
     then, now = dict[str, Array](), dict[str, Array]()
     points, aside = np.zeros(len(rows.W_n)), 0.5 - 0.45 if contact is WORN else 0.0
     if "wear" in name:
@@ -719,17 +751,20 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
         own = [w @ slips / w.sum() if w.sum() > 0 else 0.0 for w in rows.average.T.toarray() * rows.W_t]
         path = np.hypot(own if law else 0.0, aside) + points
         then = {"base.worn": 0.1 + points} | ({"base.slid": 0.2 + points} if law else {})
-        now = {"base.worn": 0.1 + (1.5 if contact is WORN else 2.0) * path * p_n}
+        rates = {"wear of tables": 1 + 2 * np.clip(p_n, 0, 1), "wear of a path": 1 + 2 * np.clip(0.2 + path, 0, 1)}
+        places = 1 + rows.surface.points[:, 0] if "places" in name else 2.0
+        now = {"base.worn": 0.1 + (1.5 if contact is WORN else rates.get(name, places)) * path * p_n}
         now |= {"base.slid": 0.2 + path} if law else {}
     if law and law.remembers:
-        then["base"] = random.uniform(0.0, 0.1, len(slips))
-        now["base"] = then["base"] + touched
+        then["base"] = random.uniform(0.0, 0.1, (len(slips), 2)[: 1 + (name == "state")])
+        now["base"] = (then["base"].T + touched).T
         if contact is WORN:
             now["base"] = touched / np.hypot(touched, aside)
-        if name == "rate":
-            now["base"] = touched / lasts
 
     shown = {"base": {"wear": rows.node_pressure(now["base.worn"])}} if "wear" in name else {}
+    if name in ("rate", "state"):
+        now["base"], unit = by_time(name, then["base"], touched, rows, lasts)
+        shown = {"base": {"rate": rows.share_t.T @ touched / lasts}}
     record = replace(record, reference=counted, memory=now, stored=StoredFields(contacts=shown))
     before = replace(before, memory=then)
 
@@ -743,23 +778,29 @@ def test_what_contacts_remember_is_that_of_the_definition(name: str) -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(where, name_of, instead, raising=False)
             assert_allclose(found(), 0.0, atol=1e-12)
+    with pytest.MonkeyPatch.context() as patch:  # of pairs that were found since, the memory is carried over
+        patch.setattr(audit, "_carried", lambda its, old: old.memory[its.name] + 0.02)
+        assert_allclose(found(), 0.0, atol=1e-12)
+        anew = {"searched": {"base": np.zeros(0)}, "memory": now | {"base": now.get("base", np.zeros(1)) + 0.02}}
+        assert name not in ("slip, springs", "bilateral") or max(found(**anew)) < 1e-12
     for row, free in enumerate(closes):
         other = counted.copy()
         other[place.tangential][row] += 0.01
         assert found(reference=other)[0] == pytest.approx(0.0 if free else (0.01 - 1e-6) / 100, rel=1e-9)
     for key, values in now.items():
-        by = 0.01 / lasts if name == "rate" else 0.01
-        for point in range(len(values)):
+        by = np.broadcast_to(0.01 / (unit if key == "base" else 1.0), values.shape)
+        for point in np.ndindex(values.shape):
             other = values.copy()
-            other[point] += by
+            other[point] += by[point]
             assert max(found(memory=now | {key: other})) >= (0.01 - 1e-6) / 100 * (1 - 1e-9)
         assert np.isclose(found(memory=now | {key: values + by}), (0.01 - 1e-6) / 100, 1e-9, 0.0).any() == (
             len(values) > 0
         )
     for contacts in shown.values():
-        wrong = contacts["wear"] + 0.01 * (np.arange(len(rows.node_gap)) == 1)
-        stored = StoredFields(contacts={"base": {"wear": wrong}})
-        expected = (0.01 - 1e-6) / np.abs([*wrong, *contacts["wear"]]).max()
+        ((key, values),) = contacts.items()
+        wrong = values + 0.01 * (np.arange(len(rows.node_gap)) == 1)
+        stored = StoredFields(contacts={"base": {key: wrong}})
+        expected = (0.01 - 1e-6) / np.abs([*wrong, *values]).max()
         assert max(found(stored=stored)) == pytest.approx(expected, rel=1e-9)
 
 
@@ -791,11 +832,39 @@ def test_work_beside_friction_in_the_plane_is_that_of_the_definition(
     assert audit._beside(place, unknown) == (None if rows.slides or rows.wears else 0.0)
 
 
+@pytest.mark.parametrize("known", [True, False])
+def test_work_at_contacts_is_that_of_both_ends_of_a_step(known: bool) -> None:
+    """Mean forces on what moves between them, less mean pressures on a gap that grows; at first all rests."""
+    base = {"surface": "block.bottom", "against": "floor", "normal": COMPLIANCE, "friction": COULOMB}
+    contacts = {"base": base | {"gap_offset": "0.1*x*t - 0.2"}}
+    floor = {"floor": plane(3) | {"displacement": {"z": 0.04}}}
+    audit, place, record, _, _ = judged(scene_of(3, {"mesh_size": 1.0}, obstacles=floor, contacts=contacts), seed=1)
+    rows, x = place.rows, (place.rows.fields.to_points @ place.rows.fields.points)[:, 0]
+    before = replace(record, time=0.75, p=0.5 * record.p + 0.1, displacement=0.3 * record.displacement)
+    ends = []
+    for end, part in ((record, 1.0), (before, float(known))):
+        forces = rows.nodal_forces(end.p[place.normal], end.p[place.tangential].reshape(-1, 2))
+        motion = end.displacement[rows.input] - [0.0, 0.0, 0.04 * end.time]
+        ends.append((part * forces, part * motion, part * end.p[place.normal], 0.1 * x * end.time * part))
+    means, changes = [(a + b) / 2 for a, b in zip(*ends, strict=True)], [a - b for a, b in zip(*ends, strict=True)]
+    expected = float(np.sum(means[0] * changes[1]) - rows.W_n @ (means[2] * changes[3]))
+    told = {"told": {"substeps": 1}, "told_before": {"energy": {"contact": 3.0}} if known else {}}
+
+    def found(**more: Any) -> float | None:
+        return audit._work(replace(record, stored=StoredFields(**told | more)))
+
+    audit._before = before if known else None
+    assert found() == pytest.approx(expected + 3.0 * known, rel=1e-12)
+    assert found(told={"substeps": 2}) is None
+    audit._before = None
+    assert (found() is None) is known
+
+
 FORMS: dict[str, tuple[bool, dict[str, Any], dict[str, Any]]] = {  # whether they know the gap; contact, and obstacle
     "plane": (True, {"gap_offset": -0.05}, plane()),
     "offset in time": (False, {"gap_offset": [[0, 0], [1, -0.05]]}, plane()),
     "wear": (False, {"slide": 0.1, "wear": {"k": 1.0}}, plane()),
-    "graph": (False, {}, {"shape": "graph", "height": "0.05*x"}),
+    "graph": (False, {"friction": COULOMB}, {"shape": "graph", "height": "0.05*x - 0.1"}),
     "graph that wears": (False, {"slide": 0.1, "wear": {"k": 1.0}}, {"shape": "graph", "height": "0.05*x"}),
 }
 
@@ -814,7 +883,7 @@ def test_forces_of_compliant_pressures_are_those_of_a_form_that_knows_the_gap(na
     record = replace(record, memory={"base.worn": worn} if "slide" in contact else {})
     audit._set_system(audit.start, 1.0)
     (place,) = audit.cone.places
-    rows = place.rows
+    rows, record.p[place.tangential] = place.rows, 0.0
     closing = rows.N_n @ (record.displacement[rows.input] - [0.0, 0.03]).ravel() - rows.gap
     closing -= worn if "slide" in contact else 0.0
     pressures = 40 * np.maximum(closing, 0.0) ** 1.5
@@ -825,6 +894,30 @@ def test_forces_of_compliant_pressures_are_those_of_a_form_that_knows_the_gap(na
     assert (list(audit._j_n) == ["base"]) is by_form
 
 
+LEANS = {side: plane() | {"point": [1.0, 0.0], "normal": [by, 1.0]} for side, by in (("left", 0.02), ("right", -0.02))}
+PARTNERS = table({"friction": COULOMB, "against": ["left", "right"]}, obstacles=LEANS)
+
+
+@pytest.mark.parametrize("name", ["between bodies", "between bodies, compliance", "partners"])
+def test_forces_that_no_form_has_are_those_of_the_rows(name: str) -> None:
+    simulation, random = (
+        prepare(scene_of(**(PARTNERS if name == "partners" else SCENES[name]))),
+        np.random.default_rng(1),
+    )
+    audit, u = Auditor(simulation.problem, simulation.mesh), random.normal(0.0, 0.1, simulation.data.points.shape)
+    record = given(simulation, displacement=u, p=random.normal(0.02, 0.05, audit.cone.size))
+    audit._set_system(audit.start, 1.0)
+    for place in audit.cone.places:
+        rows, p_n, t = place.rows, record.p[place.normal], record.p[place.tangential].reshape(-1, 1)
+        if "compliance" in name:
+            p_n = 40 * np.maximum(rows.N_n @ u[rows.input].ravel() - rows.gap, 0.0) ** 1.5
+        scales = Scales(p=0.2, u={}, rounding=2e-4)
+        found = audit._contact_force(place, vector_of(audit, record), record, scales).array
+        expected = audit.system.interface.force_of(rows, p_n, t).array
+        assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    assert not audit._multiplier_forces  # no form was asked
+
+
 def test_points_that_were_not_paired_before_were_not_pressed() -> None:
     """Where pairs are found anew there are other rows: what slip counts from is known where nothing presses alone."""
     base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB, "sliding": True}
@@ -832,12 +925,26 @@ def test_points_that_were_not_paired_before_were_not_pressed() -> None:
     u = place.rows.N_t @ record.displacement[place.rows.input].ravel()
     pressed = place.rows.average @ record.p[place.normal] > 0
     assert 0 < np.count_nonzero(pressed) < len(pressed)
+    assert audit._searched(place.rows, record)
     before = replace(record, p=np.append(np.abs(record.p) + 1.0, 0.0))
     for wrong, told in ((pressed, False), (~pressed, True)):
         reference = record.reference.copy()
         reference[place.tangential] = u + wrong
         found = audit._history(place, replace(record, reference=reference), before, scales)
         assert (found != [0.0]) is told
+
+
+def test_what_points_remember_is_read_by_the_pairs_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    base = {"surface": "block.bottom", "against": "foundation", "friction": COULOMB}
+    audit, place, record, _, _ = judged(scene_of(contacts={"base": base}), seed=1)
+
+    def found(system: System, moved: Any) -> Any:
+        return SimpleNamespace(contacts=(replace(place.rows, share_t=moved["base"] * place.rows.share_t),))
+
+    monkeypatch.setattr(System, "searched", found)
+    for searched, factor in (({}, 1.0), ({"base": 2.0}, 2.0)):
+        before = replace(record, searched=searched, memory={"base": np.full(len(place.rows.W_t), 0.3)})
+        assert_allclose(audit._carried(place.rows, before), factor * 0.3)
 
 
 def test_springs_of_a_sliding_contact_turn_with_it(case_of: Callable[[str], Solved]) -> None:
@@ -869,6 +976,17 @@ def test_motion_by_unit_traction_is_the_extent_of_what_is_closed_by_e(
     assert audit._give(rows, 1e-6 * p) == pytest.approx(give)
     p[:] = 1.0
     assert audit._give(rows, p) == 0.5
+
+
+def test_where_nothing_is_closed_yet_all_of_a_narrow_body_gives() -> None:
+    """Along the normals, 0.5 m by E_2."""
+    wood = {"E_1": 1.0, "E_2": 0.4, "E_3": 0.4, "G_12": 0.3, "nu_12": 0.3, "nu_13": 0.2, "nu_23": 0.2, "axis_1": [1, 0]}
+    audit, place, record, _, _ = judged(
+        scene_of(2, {"length": 0.5}, bodies={"block": wood}, **flat(2, {"law": "unilateral"})), seed=1
+    )
+    for part in (1.0, 0.1):  # of the side
+        rows = replace(place.rows, W_n=part * place.rows.W_n)
+        assert audit._give(rows, 0 * record.p[place.normal]) == pytest.approx(part * 0.5 / 0.4)
 
 
 def given(simulation: Simulation, **fields: Any) -> Record:
@@ -908,10 +1026,13 @@ def flat(dim: int, normal: Mapping[str, Any], friction: Mapping[str, Any] | None
     return {"contacts": {"base": base | ({"friction": friction} if friction else {})}, "supports": drive}
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("law", ["unilateral", "bilateral", "compliance"])
-def test_normal_defects_are_those_of_the_definition(law: str) -> None:
+def test_normal_defects_are_those_of_the_definition(law: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = scene_of(**flat(2, COMPLIANCE if law == "compliance" else {"law": law}))
-    audit, place, record, w, scales = judged(scene, seed=1)
+    audit, place, record, w, scales = judged(scene, seed)
+    scales = replace(scales, rest=5e-3)
+    monkeypatch.setattr(type(place.rows.normal), "penetration", None)  # which the audit has for itself
     penetration, negative, complementarity = [0.0], [0.0], [0.0]
     u = record.displacement[place.rows.input].ravel()
     for p, w_n, of_u in zip(record.p[place.normal], w[place.normal], place.rows.N_n @ u, strict=True):
@@ -920,14 +1041,21 @@ def test_normal_defects_are_those_of_the_definition(law: str) -> None:
         if law == "bilateral":
             penetration.append(abs(into) / 0.3)
             continue
-        negative.append(-p / 0.2)
+        negative.append((-p - 5e-3) / 0.2)
         if law == "unilateral":
             penetration.append(into / 0.3)
-            complementarity.append(min(p / 0.2, -into / 0.3))
+            complementarity.append(min((p - 5e-3) / 0.2, -into / 0.3))
             continue
-        by_pressure = abs(p - 40 * max(of_u + 0.02, 0.0) ** 1.5) / 0.2
-        by_depth = abs(into - (max(p, 0.0) / 40) ** (1 / 1.5)) / 0.3 if p > 0 or into > 0 else 0.0
+        by_pressure = (abs(p - 40 * max(of_u + 0.02, 0.0) ** 1.5) - 5e-3) / 0.2
+        apart = max(abs(w_n + 0.02 - (max(p, 0.0) / 40) ** (1 / 1.5)) - 2e-4, 0.0)
+        by_depth = apart / 0.3 if p > 0 or into > 0 else 0.0
         penetration.append(min(by_pressure, by_depth))
+    exact = record.p.copy()  # but at one point
+    exact[place.normal] = 40 * np.maximum(place.rows.N_n @ u + 0.02, 0.0) ** 1.5
+    for point, expected in enumerate(penetration[1:]) if law == "compliance" else ():
+        p = np.where(np.arange(len(exact)) == point, record.p, exact)
+        found = audit._normal(place, replace(record, p=p), w, scales)
+        assert found[0] == pytest.approx(max(expected, 0.0), rel=1e-9)
     found = audit._normal(place, record, w, scales)
     assert_allclose(found, [max(penetration), max(negative), max(complementarity)], rtol=1e-9)
     assert found[0] > 0
@@ -938,15 +1066,17 @@ def test_normal_defects_are_those_of_the_definition(law: str) -> None:
 def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> None:
     friction = {"law": "stick"} if law == "stick" else {"law": "coulomb", "mu": 0.4}
     k_T = 7.0 if "k_T" in law else np.inf
-    scene = scene_of(3, **flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {})))
-    audit, place, record, w, scales = judged(scene, seed)
-    rows = place.rows
+    tables = flat(3, {"law": "unilateral"}, friction | ({"k_T": 7.0} if "k_T" in law else {}))
+    tables["supports"]["side"] = {"boundary": "block.left", "displacement": {"x": -0.1}}  # no slip along x there
+    audit, place, record, w, scales = judged(scene_of(3, **tables), seed)
+    rows, scales = place.rows, replace(scales, rest=5e-3)
     t = record.p[place.tangential].reshape(-1, 2)
-    du = (w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T
+    du = ((w - record.reference)[place.tangential].reshape(-1, 2) - t / k_T) * rows.free
+    assert not rows.free.all()
     pressed = np.maximum(rows.average @ record.p[place.normal], 0.0)
     bounds = np.where(pressed > 0, np.inf, 0.0) if law == "stick" else 0.4 * pressed
     s_top = max(bounds[np.isfinite(bounds)].max(), module.FRICTION * 0.2)
-    excess, slip_law, work, some = [0.0], [0.0], 0.0, s_top * 0.3 * float(rows.W_t.sum())
+    excess, slip_law, work, rest, some = [0.0], [0.0], 0.0, 0.0, s_top * 0.3 * float(rows.W_t.sum())
     for t_i, du_i, s, weight in zip(t, du, bounds, rows.W_t, strict=True):
         moved = du_i if np.hypot(*du_i) > 2e-4 else 0 * du_i
 
@@ -954,15 +1084,53 @@ def test_tangential_defects_are_those_of_the_definition(law: str, seed: int) -> 
             return x if np.hypot(*x) <= s else x * s / np.hypot(*x)
 
         if np.isfinite(s):
-            excess.append((np.hypot(*t_i) - s) / s_top)
-        slip_law.append(np.hypot(*(disc(t_i) - disc(disc(t_i) + s_top / 0.3 * moved))) / s_top)
+            excess.append((np.hypot(*t_i) - s - 5e-3) / s_top)
+        slip_law.append((np.hypot(*(disc(t_i) - disc(disc(t_i) + s_top / 0.3 * moved))) - 5e-3) / s_top)
         work += weight * float(t_i @ moved)
+        rest += weight * 5e-3 * np.hypot(*moved)
         some += weight * max(np.hypot(*t_i), module.FRICTION * 0.2) * np.hypot(*moved)
     found = audit._tangential(place, record, w, scales)
-    assert_allclose(found, [max(excess), max(slip_law), max(-work, 0.0) / some], rtol=1e-9)
+    assert_allclose(found, [max(excess), max(slip_law), max(-work - rest, 0.0) / some], rtol=1e-9)
     back = replace(record, reference=2 * w - record.reference)  # slip along the traction where it was against it
     if k_T == np.inf:
-        assert_allclose(audit._tangential(place, back, w, scales)[2], max(work, 0.0) / some, rtol=1e-9)
+        assert_allclose(audit._tangential(place, back, w, scales)[2], max(work - rest, 0.0) / some, rtol=1e-9)
+    for point, expected in enumerate(slip_law[1:]):  # where one alone slips it is the largest
+        still = w.copy()
+        still[place.tangential] -= t.ravel() / k_T
+        still[place.tangential].reshape(t.shape)[point] = record.reference[place.tangential].reshape(t.shape)[point]
+        alone = audit._tangential(place, replace(record, reference=still), w, scales)
+        assert alone[1] == pytest.approx(max(expected, 0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("law", ["unilateral", "bilateral"])
+def test_bounds_are_those_of_the_time_and_the_memory_of_a_step(law: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of a number that is reached at the end; mu falls by 0.2 a metre of slip."""
+    falls = {"law": "slip_dependent", "mu": [[0, 0.4], [1, 0.2]]}
+    for friction in ({"law": "tresca", "bound": 0.1}, falls):
+        scene = scene_of(**flat(2, {"law": law}, friction), steps={"end": 2.0, "count": 2})
+        audit, place, record, _, _ = judged(scene, seed=1)
+        mean = place.rows.average @ record.p[place.normal]
+        assert 0 < np.count_nonzero(mean > 0) < len(mean)
+        slips = 0.5 * np.ones(len(mean))
+        for memory, given, slip in (({}, None, 0.0), ({"base": slips}, None, 0.5), ({"base": 0 * slips}, slips, 0.5)):
+            expected = (0.4 - 0.2 * slip) * np.maximum(mean, 0.0)
+            if friction is not falls:
+                expected = np.where((mean > 0) | (law == "bilateral"), 0.05, 0.0)
+            for none in (False, True):
+                with monkeypatch.context() as patch:
+                    if none:
+                        patch.setattr(module, "bound", lambda *given: None)
+                    assert_allclose(audit._bound(place, replace(record, memory=memory), given), expected)
+
+
+def test_orthotropic_bounds_are_those_along_the_tractions() -> None:
+    """On an ellipse four times as long along x."""
+    law = {"law": "orthotropic_coulomb", "mu_1": 0.4, "mu_2": 0.1, "axis": [1.0, 0.0, 0.0]}
+    audit, place, record, _, _ = judged(scene_of(3, **flat(3, {"law": "unilateral"}, law)), seed=1)
+    along, across = record.p[place.tangential].reshape(-1, 2).T
+    mean = np.maximum(place.rows.average @ record.p[place.normal], 0.0)
+    expected = 0.4 * mean * np.hypot(along, 0.25 * across) / np.hypot(along, across)
+    assert_allclose(audit._along_traction(place, record), expected)
 
 
 def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_moves() -> None:
@@ -974,6 +1142,8 @@ def test_rounding_of_tractions_wastes_no_work_however_far_an_unloaded_contact_mo
     for traction, wasted in ((1e-6 * p, 1e-6), (p, 1.0)):
         found = audit._tangential(place, replace(record, p=traction), far, scales)[2]
         assert found == pytest.approx(wasted, rel=0.01)
+    least = replace(scales, p=1e-200, u={"base": 1e-200})  # whose product is below the smallest number
+    assert audit._tangential(place, replace(record, p=0 * p, reference=w), w, least) == (0.0, 0.0, 0.0)
 
 
 def test_scales_are_those_of_the_largest_tractions() -> None:
@@ -992,6 +1162,35 @@ def test_scales_are_those_of_the_largest_tractions() -> None:
     assert fresh._scales(nothing, fresh._inner(u)).p == 1.0
 
 
+@pytest.mark.parametrize("stiffness", [0.0, 40.0, 4e8])
+@pytest.mark.parametrize("load", [0.0, 0.5])
+def test_levels_of_rounding_are_those_of_the_definition(
+    load: float, stiffness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a floor that moves by 5 m, and a side of 2 m."""
+    law = {"law": "compliance", "c_n": stiffness, "m_n": 1.0} if stiffness else {"law": "unilateral"}
+    push = {"push": {"boundary": "block.right", "pressure": load}} if load else {}
+    floor = {"foundation": plane() | {"displacement": {"y": 5.0}}}
+    audit, place, record, _, _ = judged(scene_of(**flat(2, law) | {"obstacles": floor}, loads=push), seed=1)
+    monkeypatch.setattr(Unilateral, "penetration", None)  # which the audit has for itself
+    stiff = stiffness * float(place.rows.W_n[record.p[place.normal] > 0].sum())
+    for far in (1e-3, 1.0):
+        now = replace(record, displacement=far * record.displacement, time=far)
+        u, floor_moved = now.displacement, [0.0, 5.0 * far]
+        motion = max(np.abs(u).max(), np.abs(u[place.rows.input] - floor_moved).max())
+        assert motion > np.abs(u).max()
+        inner, forces, extent = audit._inner(vector_of(audit, now)), audit.system.load(far), audit.system.extent
+        digit, allowed = EPS * audit._largest_stiffness * motion / 2.0, 1e3 * EPS * stiff * motion / 2.0
+        found = audit._scales(now, inner)
+        rest = 0.0 if load or motion > extent else min(1e3 * digit + allowed, ROUNDING / EPS * digit)
+        assert found.rest == pytest.approx(rest, rel=1e-9, abs=0)
+        sizes = np.abs(inner.array).sum() + np.abs(forces.array).sum()
+        assert found.noise == pytest.approx(ROUNDING * sizes / 2.0 + digit, rel=1e-9, abs=0)
+        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)), abs=0)
+        give = found.p * audit._give(place.rows, now.p[place.normal])
+        assert found.u["base"] == pytest.approx(give + (found.p / stiffness if stiffness else 0.0))
+
+
 def test_tractions_are_no_smaller_than_rounding_of_all_forces() -> None:
     push = {"loads": {"push": {"boundary": "block.right", "pressure": 0.5}}}
     audit, place, record, _, _ = judged(scene_of(**flat(2, {"law": "unilateral"}), **push), seed=1)
@@ -999,7 +1198,7 @@ def test_tractions_are_no_smaller_than_rounding_of_all_forces() -> None:
     inner, load = audit._inner(u), audit.system.load(1.0)
     noise = ROUNDING * (np.abs(inner.array).sum() + np.abs(load.array).sum())  # on a side of 2 m
     noise += module.EPS * audit._largest_stiffness * np.abs([*u.array, *audit._motion(place.rows, record).flat]).max()
-    assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9)
+    assert audit._scales(replace(record, p=0 * record.p), inner).p == pytest.approx(noise / 2.0, rel=1e-9, abs=0)
 
 
 def test_stiffness_of_laws_is_that_of_springs_alone() -> None:
@@ -1029,7 +1228,7 @@ def test_equilibrium_is_relative_to_the_sum_of_all_forces() -> None:
     found, rounding = audit._equilibrium(record, u, inner, scales)
     assert found == pytest.approx((np.abs(free.array).sum() + np.abs(on_obstacle).sum()) / scale, rel=1e-12)
     system.T.multTranspose(audit._inner(u * audit._signs), free)
-    assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5)  # of last digits
+    assert rounding == pytest.approx(module.EPS * np.abs(free.array).sum() / scale, rel=0.5, abs=0)  # of last digits
 
 
 @pytest.mark.parametrize(
@@ -1049,7 +1248,7 @@ def test_the_last_digit_of_gaps_counts_by_the_stiffness_of_the_law(obstacle: dic
     scale = inner.norm(0) + audit.system.load(1.0).norm(0) + contact.norm(0)
     _, rounding = audit._equilibrium(record, u, inner, scales)
     size += np.abs(record.w).max()
-    assert rounding == pytest.approx(module.EPS * size * 4e8 * 2.0 / scale, rel=1e-3)  # on a side of 2 m
+    assert rounding == pytest.approx(module.EPS * size * 4e8 * 2.0 / scale, rel=1e-3, abs=0)  # on a side of 2 m
 
 
 SUPPORTS: dict[str, dict[str, Any]] = {
@@ -1163,7 +1362,7 @@ def test_gaps_of_known_obstacles_are_not_the_rows_own_and_agree_with_them(name: 
 
 MOVED = {"displacement": {"x": 0.01, "y": 0.02}}
 MOMENTS: dict[str, dict[str, Any]] = {
-    "hill": table({"friction": SPRINGS}, HILL | MOVED),
+    "hill": table({"friction": SPRINGS, "gap_offset": [[0, 0], [2, -0.02]]}, HILL | MOVED),
     "hill that wears": table({"slide": 0.1, "wear": {"k": 1.0}}, HILL | MOVED),
     "between bodies": SCENES["between bodies"],
     "roles exchanged": SCENES["between bodies"]
@@ -1222,6 +1421,64 @@ def test_a_moment_is_that_of_the_forces_on_the_other_side_up_to_slips_and_gaps(n
     assert audit._moment(place, silent) == 0.0
 
 
+SEEN: dict[str, tuple[int, dict[str, Any]]] = {
+    "springs": (3, {"friction": SPRINGS}),
+    "compliance": (3, {"normal": COMPLIANCE}),
+    "wear": (2, WORN),
+    "state": (2, {"friction": STATE}),
+}
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_what_is_seen_of_a_contact_is_that_of_the_definition(name: str) -> None:
+    dim, contact = SEEN[name]
+    base, top = {"surface": "block.bottom", "against": "foundation"} | contact, dict.fromkeys("xyz"[:dim], 0.0)
+    tables = {
+        "supports": {"top": {"boundary": "block.top", "displacement": top}},
+        "steps": {"end": 2.0, "seconds": True},
+    }
+    audit, _, record, w, _ = judged(scene_of(dim, {"mesh_size": 1.0}, contacts={"base": base}, **tables), seed=2)
+    audit._set_system(audit.start, 1.0)
+    (place,) = audit.cone.places
+    rows, law, u = place.rows, place.rows.friction, record.displacement[place.rows.input].ravel()
+    nodes, points, worn = np.arange(len(rows.node_gap)), len(rows.W_t), np.full(len(rows.W_n), 0.1)
+    shown = {"pressure": 2.0 + nodes, "status": np.array([OPEN, SLIP, STICK, SLIP, STICK, STICK])[nodes % 6]}
+    counts = {
+        word: int(np.sum(shown["status"] == kind)) for word, kind in zip(STATUS_WORDS, (OPEN, SLIP, STICK), strict=True)
+    }
+    told = {"substeps": 1, "contacts": {"base": {"dissipation": 2.0, "dissipation_total": 7.0, "statuses": counts}}}
+    told_before = {"contacts": {"base": {"dissipation_total": 3.0}}}
+    both = np.linspace(0.1, 0.9, 2 * points).reshape(points, 2)
+    memory = {"wear": {"base": both[:, 0], "base.worn": worn}, "state": {"base": both}}.get(name, {})
+    record = replace(record, memory=memory)
+    audit._before = replace(record, time=0.75, memory={"base.worn": worn / 2})
+
+    def seen(*, before: Mapping[str, Any] = told_before, **more: Any) -> Any:
+        stored = StoredFields(contacts={"base": shown}, told=told | more, told_before=before)
+        return audit._contact(place, replace(record, stored=stored), w)
+
+    found, t = seen(), record.p[place.tangential].reshape(rows.free.shape)
+    pressures = 40 * np.maximum(rows.N_n @ u - rows.gap, 0.0) ** 1.5
+    assert_allclose(found.peaks, pressures if name == "compliance" else shown["pressure"], atol=1e-12)
+    assert_allclose(found.closing, w[place.normal] - rows.gap - (0.1 if name == "wear" else 0.0), atol=1e-12)
+    assert_allclose(found.normal_weight, rows.W_n)
+    assert_allclose(found.wear, worn if name == "wear" else [])
+    assert_allclose(found.rates, {"wear": both[:, 0], "state": both[:, 1]}.get(name, []))
+    Dc = 0.02 + 0.01 * rows.surface.points[:, 0]
+    assert_allclose(found.ages, Dc * np.exp(both[:, 0]) / 0.01 if name == "state" else [])
+    slid = (w - record.reference)[place.tangential].reshape(t.shape) - t / ((law and law.k_T) or np.inf)
+    work = float(rows.W_t @ (t * slid).sum(axis=1)) + (audit._beside(place, record) or 0.0)
+    assert (found.dissipation, found.dissipation_total, found.wrong) == (pytest.approx(work), 5.0, 0.0)
+    assert seen(before={}).dissipation_total == 2.0
+    assert not audit._unseen
+    assert seen(substeps=2).dissipation == 4.0  # the parts are not known
+    assert audit._unseen == {f"contacts.base.dissipation: {module.UNFOLLOWED}"}
+    audit._before = None
+    assert seen().dissipation == (4.0 if name == "wear" else pytest.approx(work))
+    counts["open"] += 1
+    assert seen().wrong == 1.0
+
+
 def test_bolts_are_off_by_what_their_tension_lacks() -> None:
     """Springs of one way by the smaller one of their force and what their slack would take; those that are held not."""
     values, work = np.array([0.2, 0.3, 0.4, 0.5]), np.array([-3.0, 0.5, -7.0, -8.0])
@@ -1262,7 +1519,7 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     given = dict[str, Mapping[str, float]]()
 
     def differences(stored: Any, seen: Any, sizes: Any, rounding: Any) -> dict[str, float | None]:
-        given.update(sizes=sizes, rounding=rounding)
+        given.update(sizes=sizes, rounding=rounding, energy=vars(seen["energy"][""]))
         return {"right": 0.0, "unseen": None, "off": 0.25}
 
     monkeypatch.setattr(audit, "_scales", lambda record, inner: scales)
@@ -1282,7 +1539,17 @@ def test_numbers_are_relative_to_the_largest_of_their_unit(
     sizes = {"N": force, "N m": force * length, "J": force * motion, "m": motion, "rad": motion / length, "m²": 3.0}
     assert given["sizes"] == pytest.approx(sizes | {"Pa": max(0.3, np.abs(stored.stress).max())})
     rounding = {"N": least, "N m": least * length, "J": least * motion, "m": 2e-4, "rad": 2e-4 / length}
-    assert given["rounding"] == pytest.approx(rounding | {"Pa": max(1e-5, 1e-6 * many) + least / 3.0})
+    assert given["rounding"] == pytest.approx(rounding | {"Pa": max(1e-5, 1e-6 * many) + least / 3.0}, abs=0)
+    for before, said in ((None, [f"energy.contact: {module.UNFOLLOWED}"]), (case.records[-2], [])):
+        fresh = case.auditor()
+        monkeypatch.setattr(fresh._second, "differences", differences)
+        monkeypatch.setattr(fresh, "_terms", {"load": 0.5, "other load": None})
+        assert fresh(record, before).numbers == 0.5
+        keys = ("external", "stored", "contact", "compliance", "dissipated", "time_remainder")
+        told = {key: record.stored.told["energy"][key] for key in keys}
+        assert given["energy"] == pytest.approx(told, rel=1e-6)
+        assert [name for name in fresh.shared if name.startswith("energy")] == said
+    assert min(abs(told[key]) for key in keys[:-1]) > 1e-6
 
 
 @pytest.mark.parametrize(("part", "judged_at_all"), [(0.8, False), (1.25, True)])

@@ -1,5 +1,6 @@
 """Obstacles: distances and normals, how they move and are driven, and balls in cones."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from stickslip.geometry import dolfinx_versions as dx
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.dolfinx_versions import ufl
 from stickslip.geometry.errors import SceneError
+from stickslip.geometry.field import HeightMap
 from stickslip.geometry.obstacles import Obstacle
 from stickslip.geometry.obstacles.cone import Cone
 from stickslip.geometry.obstacles.graph import Graph
@@ -102,6 +104,7 @@ def test_obstacle_moves_and_turns() -> None:
     assert_allclose(table.motion(np.array([[1.0, 3.0, 0.7]]), np.zeros(3), 0.1), [[-0.3, 0.0, 0.0]], atol=1e-15)
 
 
+ALONG_Y = HeightMap(over=("y",), rows=((0.0, 0.0), (1.0, 2.0)))
 WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
     (Cylinder, {"point": (0.0, 0.0), "radius": 0.0}, "plane strain", "radius = 0.0: must be positive"),
     (Cylinder, {"point": (0.0, 0.0, 0.0), "radius": 1.0}, "3d", "axis = None: missing"),
@@ -110,8 +113,9 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
     (Cylinder, {"point": (1.0, 0.0), "radius": 1.0, "axis": (0.0, 1.0)}, "axisymmetric", "point = .*axis of symmetry"),
     (Cylinder, {"point": (0.0, 0.0), "radius": 1.0, "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
     (Sphere, {"center": (0.0, 0.0), "radius": 1.0}, "plane strain", '^shape = "sphere": .*use "cylinder"'),
+    (Sphere, {"center": (0.0, 0.0), "radius": 1.0}, "plane stress", '^shape = "sphere": .*use "cylinder"'),
     (Sphere, {"center": (1.0, 0.0), "radius": 1.0}, "axisymmetric", "center = .*axis of symmetry"),
-    (Sphere, {"center": (1.0, 0.0), "radius": 1.0}, "3d", "center = .*expected 3 components"),
+    (Sphere, {"center": (1.0, 0.0), "radius": 1.0}, "3d", "center = .*expected 3 components here$"),
     (Plane, {"point": (0.0, 0.0), "normal": (0.0, 0.0)}, "plane strain", "normal = .*must not be zero"),
     *((Plane, {"point": (0.0,) * dim, "normal": (*(0.0,) * (dim - 1), 1.0)} | keys, model, sentence)
       for dim, keys, model, sentence in [
@@ -141,6 +145,16 @@ WRONG: list[tuple[type[Obstacle], dict[str, Any], Model, str]] = [
           ({"apex": (1.0, 0.0), "axis": (0.0, 1.0)}, "axisymmetric", "apex = .*axis of symmetry"),
           ({"apex": (0.0, 0.0), "axis": (1.0, 1.0)}, "axisymmetric", "axis = .*expected"),
       ]),
+    *((Graph, {"height": height}, model, f"^height{sentence}")
+      for height, model, sentence in [
+          ("q", "3d", ' = "q": column 1'),
+          ("pi*x*t", "axisymmetric", r' = "pi\*x\*t": t: it is a formula of \[\'x\'\]$'),
+          ("x + y*t", "plane strain", r' = "x \+ y\*t": t, y: it is a formula of \[\'x\'\]$'),
+          ("x + y - z", "3d", r' = "x \+ y - z": z: it is a formula of \[\'x\', \'y\'\]$'),
+          (ALONG_Y, "plane stress", r".over = \['y'\]: expected \['x'\]$"),
+          (replace(ALONG_Y, plus=0.5), "3d", ".plus = 0.5: move the obstacle by displacement"),
+      ]),
+    (Graph, {"height": "x", "force": {"x": 1.0}}, "axisymmetric", "force.x = given: breaks the symmetry"),
 ]  # fmt: skip
 
 
@@ -162,6 +176,47 @@ def test_right_obstacles_are_accepted() -> None:
     Sphere(center=(0.0, 3.0), radius=1.0).check_model("axisymmetric")
     Cone(apex=(0.0, 0.0), axis=(0.0, -1.0), half_angle=0.5).check_model("axisymmetric")
     Cone(apex=(1.0, 0.0, 0.0), axis=(1.0, 0.0, 1.0), half_angle=89.5).check_model("3d")
+    Graph(height="pi*x", displacement={"x": 1.0}).check_model("plane strain")
+    Graph(height="pi*x", displacement={"y": 1.0}).check_model("axisymmetric")
+    Graph(height="pi*x*y").check_model("3d")
+    Graph(height=ALONG_Y).check_model("3d")
+    Graph(height=HeightMap(over=("y", "x"), rows=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))).check_model("3d")
+
+
+def test_a_graph_has_a_height_over_each_point() -> None:
+    Graph(height="1/(x*y)").check_points(np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]))
+    with pytest.raises(SceneError, match=r'^height = "1/\(x\*y\)": has no finite value at \(2, 0, 5\)$'):
+        Graph(height="1/(x*y)").check_points(np.array([[1.0, 1.0, 0.0], [2.0, 0.0, 5.0]]))
+    Graph(height=ALONG_Y).check_points(np.array([[7.0, 0.5, 0.0]]))
+    with pytest.raises(SceneError, match=r"^height: the map has no height at y = 7"):
+        Graph(height=ALONG_Y).check_points(np.array([[0.5, 0.5, 0.0], [0.5, 7.0, 0.0]]))
+
+
+@pytest.mark.parametrize(("size", "shift"), [(1e-9, 0.0), (1.0, 1e5), (1e6, 0.0)])
+def test_a_graph_of_any_size_anywhere_is_that_of_size_one(size: float, shift: float) -> None:
+    """The circle of radius 2, and the plane y = -x."""
+    x = size * np.array([[-1.0, 1.0], [0.5, 3.0], [1.0, 1.0], [1.0, 1.5]])
+    round_, slope = Graph(height=f"sqrt({4 * size**2} - (x - {shift})**2)"), Graph(height="-x")
+    at = x + np.array([shift, 0.0])
+    assert_allclose(round_.signed_gap(at), np.linalg.norm(x, axis=1) - 2 * size, rtol=1e-9)
+    assert_allclose(round_.normals(at), x / np.linalg.norm(x, axis=1)[:, None], atol=1e-4)
+    assert_allclose(slope.signed_gap(x), x.sum(axis=1) / np.sqrt(2), atol=1e-12 * size)
+    assert slope.signed_gap(x[:0]).shape == (0,)
+    assert slope.normals(x[:0]).shape == (0, 2)
+
+
+def test_beyond_a_map_nothing_is_nearest() -> None:
+    gaps = Graph(height=ALONG_Y).signed_gap(np.array([[0.0, 0.5, 1.0], [0.0, 1.5, 1.0], [0.0, 0.5, 2.0]]))
+    assert_allclose(gaps, [0.0, np.nan, 1 / np.sqrt(5)], atol=1e-12)
+
+
+def test_what_changes_in_time_is_listed_with_its_place() -> None:
+    turn, rise = Rotation(angle=0.5, point=(0.0, 0.0)), ((0.0, 0.0), (1.0, 2.0))
+    plane_ = Plane(point=(0.0, 0.0), normal=(0.0, 1.0), displacement={"x": rise}, force={"y": 3.0}, rotation=turn)
+    found = {("displacement", "x"): rise, ("force", "y"): 3.0, ("rotation", "angle"): 0.5}
+    assert plane_.amplitudes() == found
+    assert replace(plane_, rotation=None).amplitudes() == {key: found[key] for key in list(found)[:2]}
+    assert plane_.driven() == ("y",)
 
 
 def test_wrong_rotations_and_motions_are_refused() -> None:

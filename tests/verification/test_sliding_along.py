@@ -100,7 +100,7 @@ def test_planes_and_cylinders_are_alike_along_themselves() -> None:
     plane = Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 1.0, 1.0))
     rod = Cylinder(point=(0.0, 0.0, 0.0), axis=(0.0, 2.0, 0.0), radius=1.0)
     ball = Sphere(center=(0.0, 0.0, 0.0), radius=1.0)
-    ways = np.array([[3.0, 1.0, -1.0], [0.0, -2.0, 0.0], [0.0, 0.0, 0.0]])
+    ways = 1e-6 * np.array([[3.0, 1.0, -1.0], [0.0, -2.0, 0.0], [0.0, 0.0, 0.0]])
     assert [plane.alike_along(way) for way in ways] == [True, False, True]
     assert [rod.alike_along(way) for way in ways] == [False, True, True]
     assert [ball.alike_along(way) for way in ways] == [False, False, True]
