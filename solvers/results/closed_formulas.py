@@ -93,8 +93,8 @@ def stored_energy(law: NormalLaw, p: Array) -> Array | None:
     >>> stored_energy(Compliance(c_n=4.0, m_n=1.0), np.array([2.0]))
     array([0.5])
     """
-    depth, power = penetration(law, p), law.m_n if type(law) is Compliance else 0.0
-    return None if depth is None else depth * np.where(p > 0, p, 0.0) / (1 + power)
+    depth = penetration(law, p)
+    return depth * p / (1 + law.m_n) if depth is not None and type(law) is Compliance else depth
 
 
 def bound(
