@@ -21,9 +21,11 @@ from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_probl
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
+from stickslip.solvers.laws.rate_dependent import RateDependent
+from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
 from stickslip.solvers.newton import attempts, condensed_system
-from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
     HALVINGS,
@@ -75,7 +77,8 @@ COMBINATIONS = [  # of laws
     ("bilateral", "tresca"), ("linear", "coulomb"), ("power", "coulomb"), ("power", "tresca"),
     ("linear", "penetration"), ("power", "penetration"), ("power", "penetration squared"),
     ("unilateral", "soft coulomb"), ("power", "soft coulomb"), ("bilateral", "soft tresca"),
-    ("unilateral", "soft stick"),
+    ("unilateral", "soft stick"), ("worn", "coulomb"), ("unilateral", "by rate"), ("worn", "soft coulomb"),
+    ("power", "by rate"),
 ]  # fmt: skip
 
 
@@ -83,9 +86,16 @@ COMBINATIONS = [  # of laws
 def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    problem = surface_problem(prepare(pressed(dim, normal, friction, solver=TIGHT)))
-    problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
-    cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
+    plain = {"worn": "unilateral", "by rate": "coulomb"}  # of what laws become in a step
+    problem = surface_problem(prepare(pressed(dim, *(plain.get(law, law) for law in laws), solver=TIGHT)))
+    (own,) = problem.cone.contacts
+    if normal == "worn":
+        own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.0, 0.3], len(own.W_n))))
+    if friction == "by rate":
+        own = replace(own, friction=RateDependent(mu=((0.0, 0.1), (1.0, 0.4))).within(np.zeros(len(own.W_t)), 0.5))
+    cone, gamma, rows = replace(problem.cone, contacts=(own,)), problem.gamma * 0.8, problem.cone.size
+    gap = problem.gap + np.random.default_rng(6).normal(0.0, 0.1, rows)
+    problem = replace(problem, gap=gap, cone=cone)
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
     if normal != "bilateral" and "stick" not in friction:
         assert set(states) >= {"open", "slip", "stick"}
@@ -98,7 +108,10 @@ def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], d
     x, h = np.concatenate([p, w]), 1e-6
     columns = [(defect(x + h * e) - defect(x - h * e)) / (2 * h) for e in np.eye(2 * rows)]
     J = np.stack(columns, axis=1)
-    M, r = as_one_system(linearise(problem, p_hat, gamma))
+    linear = linearise(problem, p_hat, gamma)
+    for found, expected in zip(sets(problem, p_hat, gamma), (linear.sets, cone.project(p_hat, gamma)), strict=True):
+        assert_array_equal(found, expected)
+    M, r = as_one_system(linear)
     assert np.linalg.matrix_rank(M) == np.linalg.matrix_rank(J, tol=1e-6) == rows
     solution = np.linalg.lstsq(M, r, rcond=None)[0]
     assert_allclose(M @ solution, r, atol=1e-12)
@@ -130,7 +143,9 @@ def test_springs_are_solved_as_rows_too_however_stiff(c_n: float) -> None:
     laws = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed=4)[0], problem.gamma)
     assert laws.k.any()
     assert isinstance(problem.surface, CondensedSurface)
-    p, u_c = by_tractions(laws.without_springs(), problem.surface)
+    rows = laws.without_springs()
+    assert_allclose((rows.A_p - rows.A_w @ sparse.diags(1 / problem.gamma)).diagonal()[laws.k > 0], 1.0)
+    p, u_c = by_tractions(rows, problem.surface)
     M, r = as_one_system(laws)
     x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
     assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
