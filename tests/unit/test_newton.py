@@ -111,6 +111,8 @@ def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], d
     linear = linearise(problem, p_hat, gamma)
     for found, expected in zip(sets(problem, p_hat, gamma), (linear.sets, cone.project(p_hat, gamma)), strict=True):
         assert_array_equal(found, expected)
+    (place,) = cone.places
+    assert_array_equal(linear.slip[place.normal], (own.normal.give > 0) & (p_hat[place.normal] > 0))
     M, r = as_one_system(linear)
     assert np.linalg.matrix_rank(M) == np.linalg.matrix_rank(J, tol=1e-6) == rows
     solution = np.linalg.lstsq(M, r, rcond=None)[0]
@@ -139,18 +141,20 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int) -> None:
 def test_springs_are_solved_as_rows_too_however_stiff(c_n: float) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "friction": FRICTION["coulomb"]}
     base |= {"normal": {"law": "compliance", "c_n": c_n}}
-    problem = surface_problem(prepare(scene_of(3, contacts={"base": base})))
-    laws = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed=4)[0], problem.gamma)
-    assert laws.k.any()
+    problem = surface_problem(prepare(scene_of(3, contacts={"base": base}, bodies={"block": {"E": 3.0, "nu": 0.3}})))
+    p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    laws, normal = linearise(problem, p_hat, problem.gamma), problem.cone.places[0].normal
+    assert_array_equal(sets(problem, p_hat, problem.gamma)[0][1, normal], p_hat[normal] > 0)
     assert isinstance(problem.surface, CondensedSurface)
     rows = laws.without_springs()
     assert_allclose((rows.A_p - rows.A_w @ sparse.diags(1 / problem.gamma)).diagonal()[laws.k > 0], 1.0)
-    p, u_c = by_tractions(rows, problem.surface)
     M, r = as_one_system(laws)
-    x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
-    assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
-    balance = problem.surface.S @ u_c + problem.surface.forces(p) - problem.load.f_c
-    assert_allclose(balance, 0.0, atol=1e-11 * problem.surface.total * np.abs(u_c).max())
+    for system in (rows, laws)[: 1 + (c_n < 1e3)]:  # as they are, very stiff ones drown the bodies
+        p, u_c = by_tractions(system, problem.surface)
+        x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
+        assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
+        balance = problem.surface.S @ u_c + problem.surface.forces(p) - problem.load.f_c
+        assert_allclose(balance, 0.0, atol=1e-11 * problem.surface.total * np.abs(u_c).max())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -190,9 +194,10 @@ def test_a_saddle_point_is_solved_alike_whatever_is_called_a_metre() -> None:
     f, g = rng.normal(size=8), rng.normal(size=3)
     x, y = saddle_point(A, B, C, D, f, g)
     assert_allclose(np.concatenate([A @ x + B @ y, C @ x + D @ y]), np.concatenate([f, g]), atol=1e-12)
-    longer, farther = saddle_point(A, B / metre, C * metre, D, f, g * metre)
-    assert_array_equal(longer, x)
-    assert_array_equal(farther, y * metre)
+    for pascal in (1.0, 2.0**-40):
+        longer, farther = saddle_point(A * pascal, B * pascal / metre, C * metre, D, f * pascal, g * metre)
+        assert_array_equal(longer, x)
+        assert_array_equal(farther, y * metre)
 
 
 def test_rows_that_slip_are_known() -> None:
@@ -223,7 +228,7 @@ def test_a_direction_without_multiplier_has_no_law() -> None:
 
 def test_nan_goes_through_the_system() -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
-    problem = surface_problem(prepare(pressed(2, "linear", "coulomb", solver=TIGHT)))
+    problem = surface_problem(prepare(pressed(3, "linear", "coulomb", solver=TIGHT)))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     surface = problem.surface
@@ -529,6 +534,15 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     assert best.p is start.p
     assert best.u_c is start.u_c
     assert_allclose(best.w, floating.relative_displacement(start.u_c))
+
+
+def test_tractions_that_leave_more_than_rounding_of_a_load_are_refused(floating: SurfaceProblem) -> None:
+    p = np.zeros(len(floating.gap))
+    laws, left = linearise(floating, p, floating.gamma), float(np.abs(floating.load.resultant).sum())
+    for rounding in ((), (0.9 * left,)):
+        with pytest.raises(np.linalg.LinAlgError, match=r"^the system is singular: some rigid motion is not held$"):
+            laws.refuse_unbalanced(p, *rounding)
+    laws.refuse_unbalanced(p, 1.1 * left)
 
 
 @pytest.mark.parametrize("seed", range(4))
