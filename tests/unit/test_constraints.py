@@ -795,8 +795,8 @@ def test_a_motion_closes_the_gaps_that_it_goes_towards(problem_of: ProblemOf) ->
     problem = problem_of(2, [0.0], COULOMB)
     n, down = problem.surface.normal_rows, -np.tile([0.0, 1.0], problem.surface.size // 2)
     gap = np.where(np.arange(len(problem.gap)) < n, 0.5, 9.0)
-    for w, closed in ((0.0, 0.5), (0.25, 0.5), (-0.25, 0.75)):
-        assert closes(replace(problem, gap=gap), np.full(len(gap), w), down) == closed
+    for w, widest in ((0.0, 0.5), (0.25, 0.5), (-0.25, 0.75)):
+        assert closes(replace(problem, gap=gap), np.full(len(gap), w), down) == widest
         assert closes(replace(problem, gap=gap), np.full(len(gap), w), -down) == 0.0
 
 
