@@ -375,6 +375,48 @@ def test_simpler_laws_lead_to_the_solution(
     assert off[-1] < 1e-9
 
 
+@pytest.mark.parametrize("name", ["coulomb", "gaps"])
+def test_branches_from_a_state_from_all_open_and_from_all_closed_end_at_the_solution(name: str) -> None:
+    """A state without tractions fulfils all laws, but balances nothing; from the solution itself it is near."""
+    problem, expected = problem_of(name), solved(name)
+    for found in semismooth.branches(problem, 0 * expected.p, 0 * expected.w, 1e-10, 50):
+        assert_allclose(found.p, expected.p, atol=1e-9 * np.abs(expected.p).max())
+    near, opened, _ = semismooth.branches(problem, expected.p, expected.w, 1e-10, 50)
+    assert len(near.history) == 2 < len(opened.history)
+
+
+def test_newton_tells_each_step_and_asks_where_points_touch() -> None:
+    problem, steps, asked = problem_of("coulomb"), list[Any](), list[Any]()
+    touch = lambda p, w, gap: asked.append(p) or gap  # noqa: E731
+    method = SemismoothNewton(rtol=1e-10, max_it=100, linear=condensed_system.solve)
+    found = method(replace(problem, touch=touch), np.zeros(len(problem.gap)), steps.append)
+    assert tuple(steps) == found.history
+    assert asked
+
+
+@pytest.mark.parametrize("name", ["coulomb", "compliance", "bound by penetration"])
+def test_starts_follow_each_other_where_attempts_are_short(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", 1)
+    problem, expected = problem_of(name), solved(name)
+    method = SemismoothNewton(rtol=1e-10, max_it=1000, linear=condensed_system.solve)
+    found = method(problem, np.zeros(len(problem.gap)))
+    assert found.status is Status.CONVERGED
+    assert_allclose(found.p, expected.p, atol=1e-8 * np.abs(expected.p).max())
+
+
+def test_what_is_on_springs_is_solved_from_its_start_and_then_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, expected, seen = problem_of("coulomb"), solved("coulomb"), list[Any]()
+    near, far = Start.at(problem, expected.p, expected.u_c), Start.as_if(problem, 0 * expected.p, closed(problem))
+    method = SemismoothNewton(rtol=1e-10, max_it=100, linear=condensed_system.solve)
+    monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", 1)
+    for others, start, arrives in (([], near, True), ([], far, False), ([(near, None)], far, True)):
+        monkeypatch.setattr(SemismoothNewton, "_chain", lambda *given, to=others: seen.append(given[1:]) or iter(to))
+        assert (method._on_springs(problem, start).status is Status.CONVERGED) == arrives
+        assert seen[-1][0] is problem
+        assert seen[-1][1] is start.p
+        assert seen[-1][2].problem is problem
+
+
 def test_the_problem_of_tangents_is_piecewise_linear(problem_of_block: Callable[..., SurfaceProblem]) -> None:
     problem = problem_of_block()
     n = problem.surface.normal_rows
