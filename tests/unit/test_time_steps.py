@@ -18,6 +18,7 @@ from stickslip.geometry.user_files.user_file import UserFile
 from stickslip.solvers.interface.matrix_free import MatrixFreeSurface
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Correction, Solution, Status
+from stickslip.solvers.laws.wear import SLID, WORN
 from stickslip.solvers.newton import correction, surface_model
 from stickslip.solvers.newton.surface_model import Flexibility
 from stickslip.solvers.results.step_result import OPEN, PARTS, SLIP, ErrorParts, Quantity, StepResult, quantities
@@ -463,6 +464,11 @@ def test_slip_counts_from_where_the_exact_solution_has_it(scene_of: SceneOf, sim
     assert_allclose(shifted.gap[n:], problem.gap[n:] + w[n:] - p[n:] / 4.0)
     assert np.abs(p[n:]).max() > 0
     assert correction.exact_problem(problem, Correction.none(len(p))) is problem
+    (name,), worn = (rows.name for rows in problem.cone.contacts), np.linspace(0.1, 0.2, n)
+    for key, depth in ((WORN, worn), (SLID, 0 * worn)):
+        deeper = correction.exact_problem(problem, Correction(0 * p, 0 * w, 1.0, {f"{name}{key}": worn}))
+        assert_allclose(deeper.gap[:n], problem.gap[:n] + depth)
+        assert_array_equal(deeper.gap[n:], problem.gap[n:])
 
 
 def test_newton_ends_where_it_repeats_itself_and_all_starts_only_where_they_arrive(
