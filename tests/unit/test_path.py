@@ -18,6 +18,7 @@ from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.friction import CoulombByPoint
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system, path, semismooth, uniqueness
 from stickslip.solvers.newton.attempts import FIRM, Start, closed
@@ -455,11 +456,26 @@ def test_a_mechanism_ends_the_chain_of_what_has_tractions(
     assert found[3:4] == [("start", None)] if not pressed else len(found) == 3
 
 
+def test_linear_laws_stand_in_where_a_law_is_a_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, expected, posed = problem_of("gaps"), solved("gaps"), list[SurfaceProblem]()
+    monkeypatch.setattr(SurfaceProblem, "idle", True)
+    low, right = problem.cone.contacts
+    low = replace(low, normal=Compliance(c_n=1.0, m_n=2.0))
+    problem = replace(problem, cone=replace(problem.cone, contacts=(low, right)))
+    (start,) = semismooth.resting_start(problem, expected.p, lambda other, p: posed.append(other) or expected)
+    assert start.p is expected.p
+    spring, rigid = (rows.normal for rows in posed[0].cone.contacts)
+    assert_array_equal(spring.stiffness(np.ones(1), np.ones(1)), problem.gamma[problem.cone.places[0].normal])
+    assert rigid is right.normal
+
+
 def test_what_is_on_springs_is_solved_from_its_start_and_then_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, expected, seen = problem_of("coulomb"), solved("coulomb"), list[Any]()
     near, far = Start.at(problem, expected.p, expected.u_c), Start.as_if(problem, 0 * expected.p, closed(problem))
-    monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", 1)
-    for others, start, arrives in (([], near, True), ([], far, False), ([(near, None)], far, True)):
+    for most, others, start, arrives in (
+        (60, [], far, True), (1, [], near, True), (1, [], far, False), (1, [(near, None)], far, True),
+    ):  # fmt: skip
+        monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", most)
         monkeypatch.setattr(SemismoothNewton, "_chain", lambda *given, to=others: seen.append(given[1:]) or iter(to))
         assert (METHOD._on_springs(problem, start).status is Status.CONVERGED) == arrives
         assert seen[-1][0] is problem
