@@ -110,7 +110,8 @@ def test_solutions_of_laws_are_fixed_points_without_residual(
     normal: NormalLaw, by_rate: bool, k_T: float | None, dim: int
 ) -> None:
     """A point that is open, one that sticks, one that slips, beside a contact without friction."""
-    law = RateDependent(mu=((0.0, 0.48), (0.7 / 0.5, 0.5)), k_T=k_T).within(np.zeros(3), 0.5)  # 0.5 at 0.7 m in 0.5 s
+    table = ((0.0, 0.48), (0.7 / 0.5, 0.5), (7.0 / 0.5, 0.68))  # 0.5 at 0.7 m in 0.5 s
+    law = RateDependent(mu=table, k_T=k_T).within(np.zeros(3), 0.5)
     both = cone((1, dim, Unilateral(), None), (3, dim, normal, law if by_rate else Coulomb(mu=0.5, k_T=k_T)))
     n, (_, place) = 4, both.places
     p, r = np.zeros(both.size), np.zeros(both.size)
@@ -129,6 +130,7 @@ def test_solutions_of_laws_are_fixed_points_without_residual(
     assert_allclose(both.project(p + gamma * r, gamma), p, atol=1e-14)
     for each in (gamma, 1.5):
         assert_allclose(both.natural_residual(p, r, each), 0.0, atol=1e-14)
+    assert_allclose(both.bound(place, p[place.normal]), (0.48 if by_rate else 0.5) * p[place.normal])
     open_slip = r.copy()
     open_slip[place.tangential][: dim - 1] = 5.0  # nothing resists where it is open
     assert_allclose(both.natural_residual(p, open_slip, gamma), 0.0, atol=1e-14)

@@ -450,10 +450,11 @@ def test_a_mechanism_ends_the_chain_of_what_has_tractions(
     pressed: float, order: Callable[..., list[Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gives_way = Mechanism(np.ones(1), 1.0)
-    monkeypatch.setattr(semismooth, "on_softer_springs", lambda *given: iter([gives_way, "start"]))
+    monkeypatch.setattr(semismooth, "on_softer_springs", lambda *given: iter(["begin", gives_way, "start"]))
     tried, *found = order(np.full(1, pressed))
     assert tried.collapse is gives_way
-    assert found[3:4] == [("start", None)] if not pressed else len(found) == 3
+    assert found[3] == ("begin", None)
+    assert found[4:5] == [("start", None)] if not pressed else len(found) == 4
 
 
 def test_linear_laws_stand_in_where_a_law_is_a_power(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -467,6 +468,7 @@ def test_linear_laws_stand_in_where_a_law_is_a_power(monkeypatch: pytest.MonkeyP
     spring, rigid = (rows.normal for rows in posed[0].cone.contacts)
     assert_array_equal(spring.stiffness(np.ones(1), np.ones(1)), problem.gamma[problem.cone.places[0].normal])
     assert rigid is right.normal
+    assert (posed[0].cone.time, posed[0].cone.end) == (problem.cone.time, problem.cone.end)
 
 
 def test_what_is_on_springs_is_solved_from_its_start_and_then_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
