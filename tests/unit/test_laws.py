@@ -535,6 +535,7 @@ def test_points_that_slide_radiate_where_they_press() -> None:
     assert_allclose(law.limit_slope(p, sparse.identity(3, format="csr"), normal).toarray(), np.diag([0.3, 0.0, 0.0]))
     assert law.lines(normal, 1.0, 1.0) == (np.inf, pytest.approx(0.3), np.inf)
     assert RATES[2].at(np.zeros(2)).lines(normal, 1.0, 1.0) == (np.inf, 0.2, 0.2)
+    assert RATES[2].at(np.zeros(0)).lines(normal, 1.0, 1.0) == (np.inf, np.inf, 0.0)
     other = law.of_points(np.array([2, 0]))
     assert_allclose(other.limit(np.ones(2), np.eye(2), normal, 1.0, 1.0), [1.0 + 0.7 * 3.0, 0.3 + 0.7 * 0.3])
 
