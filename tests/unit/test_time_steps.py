@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from shared.cases import often, slow
+from shared.cases import slow
 from shared.problems import SceneOf, SimulationOf, march
 from stickslip import Energy, Scene, SolverError, Steps
 from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
