@@ -788,16 +788,25 @@ def test_friction_takes_up_the_work_of_a_pull_at_given_pressures(problem_of: Pro
         p = np.where(np.arange(len(problem.gap)) < n, PRESS / surface.W[:n].sum(), 7.0)
         along = np.tile(np.eye(dim)[0], surface.size // dim)
         assert spent(problem, p, along) == (share > 0.3)
-        assert not spent(problem, p, -np.tile(np.eye(dim)[-1], surface.size // dim))  # what presses is borne
+        assert not spent(problem, 1.01 * p, -np.tile(np.eye(dim)[-1], surface.size // dim))  # what presses is borne
+        (rows,) = problem.cone.contacts
+        less = replace(rows, free=rows.free & (np.arange(len(rows.free)) > 0)[:, None])
+        other = replace(problem, cone=replace(problem.cone, contacts=(less,)))
+        assert spent(other, p, along) or share < 0.3  # a direction without multiplier takes up nothing
+    problem = problem_of(2, [0.0], {"law": "stick"}, "bilateral")
+    lifted, up = replace(problem, load=times(problem.load, -1.0)), np.tile([0.0, 1.0], problem.surface.size // 2)
+    area = problem.surface.W[: problem.surface.normal_rows].sum()
+    for part in (0.9, 1.1):  # what does not slide is no work, however large its bound
+        assert spent(lifted, np.full(len(problem.gap), -part * PRESS / area), up) == (part < 1)
 
 
 def test_a_motion_closes_the_gaps_that_it_goes_towards(problem_of: ProblemOf) -> None:
     problem = problem_of(2, [0.0], COULOMB)
     n, down = problem.surface.normal_rows, -np.tile([0.0, 1.0], problem.surface.size // 2)
     gap = np.where(np.arange(len(problem.gap)) < n, 0.5, 9.0)
-    for w, widest in ((0.0, 0.5), (0.25, 0.5), (-0.25, 0.75)):
-        assert closes(replace(problem, gap=gap), np.full(len(gap), w), down) == widest
-        assert closes(replace(problem, gap=gap), np.full(len(gap), w), -down) == 0.0
+    for (w, widest), size in product(((0.0, 0.5), (0.25, 0.5), (-0.25, 0.75)), (1.0, 1e-9)):
+        assert closes(replace(problem, gap=gap), np.full(len(gap), w), size * down) == widest
+        assert closes(replace(problem, gap=gap), np.full(len(gap), w), -size * down) == 0.0
 
 
 def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: ProblemOf) -> None:
