@@ -810,6 +810,22 @@ def test_a_motion_closes_the_gaps_that_it_goes_towards(problem_of: ProblemOf) ->
         assert closes(replace(problem, gap=gap), np.full(len(gap), w), -size * down) == 0.0
 
 
+def test_a_body_that_nothing_touches_is_held_by_nothing_that_no_gap_closes(problem_of: ProblemOf) -> None:
+    """Tresca's bound would bear a pull along the floor, if something touched."""
+    pulled, pressed = (problem_of(2, [pull], {"law": "tresca", "bound": 0.02}) for pull in (0.03, 0.0))
+    a, b = pulled.load, pressed.load
+    along = replace(a, f_c=a.f_c - b.f_c, resultant=a.resultant - b.resultant, free=a.free - b.free)
+    rests, n = replace(pulled, load=along), pulled.surface.normal_rows
+    assert unbalanced_motion(rests) is None
+    up, drift = np.tile([0.0, 1.0], rests.surface.size // 2), rests.surface.R @ along.resultant
+    far = np.where(np.arange(len(rests.gap)) < n, 1e3, 0.0)
+    elsewhere = replace(along, free=along.free - 1e3 * up)  # the augmentation tells nothing of where bodies are
+    for away in (replace(rests, gap=rests.gap + far), replace(rests, u_before=1e3 * up, load=elsewhere)):
+        motion, lacking = unbalanced_motion(away)
+        assert lacking == 1.0
+        assert_allclose(motion, drift / np.abs(drift).max())
+
+
 def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: ProblemOf) -> None:
     """A gap that the motion of the foundation has closed is none."""
     problem = problem_of(2, [0.0], {"law": "coulomb", "mu": 0.3})
