@@ -478,6 +478,8 @@ def test_newton_ends_where_it_repeats_itself_and_all_starts_only_where_they_arri
     off = p * np.random.default_rng(0).uniform(0.8, 1.2, len(p))
     u_c = problem.contact_displacement(off)
     found = rough_solution(off, problem.relative_displacement(u_c), u_c)
+    nearer, _ = correction.by_schur_complement(problem, found)
+    assert_array_equal(nearer.w, problem.relative_displacement(nearer.u_c))
     exact = correction._newton(problem, found, goal=-1.0)  # no residual is as small
     assert_allclose(exact[0], p, atol=1e-10 * np.abs(p).max())
     arrived = correction._from_all_starts(problem, off, 1e-12)
