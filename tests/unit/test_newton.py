@@ -18,9 +18,11 @@ from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
@@ -37,7 +39,7 @@ from stickslip.solvers.newton.attempts import (
     first_starts,
     other_starts,
 )
-from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve
+from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve, unfelt
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.stepping.touch import Way
 from stickslip.workflows.lab.benchmarks.price_run import Case
@@ -543,6 +545,25 @@ def test_tractions_that_leave_more_than_rounding_of_a_load_are_refused(floating:
         with pytest.raises(np.linalg.LinAlgError, match=r"^the system is singular: some rigid motion is not held$"):
             laws.refuse_unbalanced(p, *rounding)
     laws.refuse_unbalanced(p, 1.1 * left)
+
+
+def test_rounding_of_a_common_motion_is_no_force(floating: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(ActiveSet, "refuse_unbalanced", lambda self, p, rounding=0.0: told.append(rounding))
+    gap = np.full(len(floating.gap), 0.125)
+    problem = replace(floating, gap=gap, offset=-gap)
+    solve(linearise(problem, closed(problem), problem.gamma), np.zeros(problem.surface.size))
+    assert told == [pytest.approx(EXACT * condensed(floating.surface).total * 0.25)]
+
+
+@pytest.mark.parametrize("c_n", [1.0, 1e-12])
+def test_however_soft_springs_resist_a_motion(c_n: float, floating: SurfaceProblem) -> None:
+    """Without friction they hold a body but for one motion, along the floor."""
+    (rows,) = floating.cone.contacts
+    rows = replace(rows, normal=Compliance(c_n=c_n), friction=None)
+    problem = replace(floating, cone=replace(floating.cone, contacts=(rows,)))
+    free = unfelt(linearise(problem, closed(problem), problem.gamma), condensed(problem.surface))
+    assert_allclose(np.linalg.eigvalsh(free), [0.0, 0.0, 1.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
