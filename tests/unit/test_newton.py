@@ -84,7 +84,10 @@ COMBINATIONS = [  # of laws
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("laws", "dim"), every_nth(2, COMBINATIONS, [2, 3]))
+IN_SPACE = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3)]
+
+
+@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *IN_SPACE])
 def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
