@@ -157,7 +157,7 @@ class RateDependent(FrictionLaw):
                 break
             low, high = np.where(off < 0, V, low), np.where(off > 0, V, high)
             newton = V - off / (self.slope(V) * pressure + gamma)
-            V = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
+            V = np.where((newton > low) & (newton < high), newton, (low + high) / 2)
         return V
 
 
@@ -176,11 +176,8 @@ class Sliding(FrictionLaw):
         return average.multiply(np.where(average @ p > 0, self.f, 0.0)[:, None]).tocsr()
 
     def lines(self, normal: NormalLaw, time: float, end: float) -> tuple[float, float, float]:
-        return np.inf, float(self.f.min(initial=np.inf)), float(self.f.max(initial=0.0))
-
-    @property
-    def at_no_pressure(self) -> float:
-        return float(self.beside.max(initial=0.0))
+        above = np.inf if self.beside.any() else float(self.f.max(initial=0.0))
+        return np.inf, float(self.f.min(initial=np.inf)), above
 
     def of_points(self, points: Ints) -> FrictionLaw:
         return replace(self, f=self.f[points], beside=self.beside[points])

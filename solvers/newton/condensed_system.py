@@ -75,8 +75,7 @@ def by_motion(laws: ActiveSet, bodies: RowStiffness) -> tuple[Array, Array]:
     force = bodies.forces(problem.load.f_c) - bodies.H @ (w - offset)
     per_force = laws.A_p[rows]
     per_force.data /= problem.surface.W[per_force.indices]
-    if len(index) < len(laws.rhs):
-        per_force = per_force[:, index]
+    per_force = per_force[:, index]
     H = bodies.H[:, moving]
     right = laws.rhs[rows] - per_force @ force  # no law of a moving row involves w of held rows
     matrix = -(per_force @ H)

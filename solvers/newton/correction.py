@@ -41,8 +41,8 @@ def exact_problem(problem: SurfaceProblem, before: Correction) -> SurfaceProblem
     """
     n = problem.surface.normal_rows
     shift = np.concatenate([np.zeros(n), (before.w - problem.cone.softness * before.p)[n:]])
-    for place in problem.cone.places if before.memory else ():
-        shift[place.normal] += before.memory.get(f"{place.rows.name}{WORN}", 0.0)
+    for place in problem.cone.places:
+        shift[place.normal] = before.memory.get(f"{place.rows.name}{WORN}", 0.0)
     return replace(problem, gap=problem.gap + shift) if shift.any() else problem
 
 

@@ -93,8 +93,8 @@ def stored_energy(law: NormalLaw, p: Array) -> Array | None:
     >>> stored_energy(Compliance(c_n=4.0, m_n=1.0), np.array([2.0]))
     array([0.5])
     """
-    depth, power = penetration(law, p), law.m_n if type(law) is Compliance else 0.0
-    return None if depth is None else depth * np.where(p > 0, p, 0.0) / (1 + power)
+    depth = penetration(law, p)
+    return depth * p / (1 + law.m_n) if depth is not None and type(law) is Compliance else depth
 
 
 def bound(
@@ -170,9 +170,9 @@ def remembered(law: FrictionLaw, before: Array, slip: Array, step: float) -> Arr
         turned, decay = slip / step / V0, np.exp(-slip / law.Dc)  # V / V0, and what is left of the past
         steady = np.maximum(turned, TINY)
         if law.of.evolution == "aging":
-            long = slip > EPS * law.Dc  # else nothing but time has passed
-            theta = np.where(long, 1 / steady + (np.exp(aged) - 1 / steady) * decay, np.exp(aged) + step * V0 / law.Dc)
-            return np.column_stack([np.log(theta), slip / step])
+            healed = -np.expm1(-slip / law.Dc) / steady
+            healed = np.where(turned > TINY, healed, step * V0 / law.Dc)  # nothing but time has passed
+            return np.column_stack([np.log(np.exp(aged) * decay + healed), slip / step])
         return np.column_stack([decay * aged + (decay - 1) * np.log(steady), slip / step])
     return slip * (1 / step) if type(law) is RateDependent and step else None
 

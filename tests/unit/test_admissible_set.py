@@ -16,11 +16,13 @@ from stickslip.geometry.arrays import Array
 from stickslip.geometry.errors import SceneError
 from stickslip.solvers.classical.nsgs import colours
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.contact.rows import Fields
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem, project_cone, residual
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.laws.friction import CappedCoulomb, Coulomb, OrthotropicCoulomb, Stick, Tresca
 from stickslip.solvers.laws.law import FrictionLaw, NormalLaw
 from stickslip.solvers.laws.normal import Bilateral, Compliance, Tied, Unilateral
+from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.tangential_compliance import TangentialCompliance
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.stepping.discrete_chain import refuse_unusable, solve, usable
@@ -102,10 +104,15 @@ def test_what_a_new_compliant_law_does_not_say_is_not_assumed() -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("k_T", [None, 2.0])
+@pytest.mark.parametrize("by_rate", [False, True])
 @pytest.mark.parametrize("normal", [Unilateral(), SOFT, Bilateral()])
-def test_solutions_of_laws_are_fixed_points_without_residual(normal: NormalLaw, k_T: float | None, dim: int) -> None:
+def test_solutions_of_laws_are_fixed_points_without_residual(
+    normal: NormalLaw, by_rate: bool, k_T: float | None, dim: int
+) -> None:
     """A point that is open, one that sticks, one that slips, beside a contact without friction."""
-    both = cone((1, dim, Unilateral(), None), (3, dim, normal, Coulomb(mu=0.5, k_T=k_T)))
+    table = ((0.0, 0.48), (0.7 / 0.5, 0.5), (7.0 / 0.5, 0.68))  # 0.5 at 0.7 m in 0.5 s
+    law = RateDependent(mu=table, k_T=k_T).within(np.zeros(3), 0.5)
+    both = cone((1, dim, Unilateral(), None), (3, dim, normal, law if by_rate else Coulomb(mu=0.5, k_T=k_T)))
     n, (_, place) = 4, both.places
     p, r = np.zeros(both.size), np.zeros(both.size)
     p[:n], r[:n] = [2.0, 0.0, 4.0, 6.0], [0.0, -1.0, 0.0, 0.0]
@@ -121,7 +128,9 @@ def test_solutions_of_laws_are_fixed_points_without_residual(normal: NormalLaw, 
     gamma = np.linspace(0.5, 2.0, n)
     gamma = np.concatenate([gamma, np.ones(dim - 1), np.repeat(gamma[1:], dim - 1)])
     assert_allclose(both.project(p + gamma * r, gamma), p, atol=1e-14)
-    assert_allclose(both.natural_residual(p, r, gamma), 0.0, atol=1e-14)
+    for each in (gamma, 1.5):
+        assert_allclose(both.natural_residual(p, r, each), 0.0, atol=1e-14)
+    assert_allclose(both.bound(place, p[place.normal]), (0.48 if by_rate else 0.5) * p[place.normal])
     open_slip = r.copy()
     open_slip[place.tangential][: dim - 1] = 5.0  # nothing resists where it is open
     assert_allclose(both.natural_residual(p, open_slip, gamma), 0.0, atol=1e-14)
@@ -159,6 +168,11 @@ def test_bounds_follow_the_time() -> None:
     assert_array_equal(at(found.at(0.25)), [1.0, 0.0])
     slope = cone((2, 2, Unilateral(), Coulomb(mu=0.4))).bound_slope(place, np.array([1.0, 0.0]))
     assert_array_equal(slope.toarray(), 0.0)  # of the block's own law
+    maps = dict.fromkeys(("to_nodes", "to_points", "to_tangential"), sparse.identity(2))
+    fields = Fields(gap_offset=((0.0, 1.0), (1.0, 3.0)), law=None, points=np.zeros((2, 2)), end=1.0, **maps)
+    rows = replace(place.rows, fields=fields, time=0.5)
+    (later,) = AdmissibleSet((rows,), 0.5, 1.0).at(1.0).contacts
+    assert_array_equal(later.gap - rows.gap, 1.0)  # from 2 m to 3 m
 
 
 def test_a_point_gives_its_bound_to_the_nodes_that_it_stands_for() -> None:

@@ -33,7 +33,9 @@ from stickslip.solvers.interface.limit_analysis import (
     Balance,
     Mechanism,
     balancing_tractions,
+    closes,
     decide,
+    spent,
     unbalanced_motion,
 )
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -675,6 +677,8 @@ LAWS: list[tuple[dict[str, Any], float]] = [  # with the pull that they can just
     ({"law": "coulomb", "mu": 0.3}, 0.3 * PRESS),
     ({"law": "coulomb", "mu": 0.3, "k_T": 7.0}, 0.3 * PRESS),
     ({"law": "tresca", "bound": 0.02}, 0.02 * 2.0),
+    ({"law": "capped_coulomb", "mu": 0.3, "s_max": 0.01}, 0.01 * 2.0),
+    ({"law": "cohesion", "a": 0.02, "mu": 0.3}, 0.3 * PRESS + 0.02 * 2.0),
 ]
 
 
@@ -689,7 +693,8 @@ def test_pull_up_to_the_limit_is_possible_and_beyond_it_impossible(
     motion, lacking = unbalanced_motion(beyond)
     assert_allclose(np.abs(motion).max(), 1.0)
     assert sign * motion[::2].mean() > 0.9  # it slides with the pull
-    assert_allclose(lacking, 1 - 1 / 1.0001 if "bound" in friction else 1.0, rtol=1e-3)  # a cone bears no work
+    borne = 0.0 if {"bound", "s_max"} & set(friction) else 0.3 * PRESS  # by a cone, which dissipates nothing
+    assert_allclose(lacking, (1.0001 * limit - limit) / (1.0001 * limit - borne), rtol=1e-3)
 
 
 @pytest.mark.parametrize("turn", often(range(0, 91, 15), (0, 15, 60)))
@@ -760,8 +765,9 @@ def test_a_bilateral_contact_pulls(sign: float, problem_of: ProblemOf) -> None:
 def test_more_is_held_than_is_proved_and_nothing_forbids_it(problem_of: ProblemOf) -> None:
     """A surface that pulls presses elsewhere as hard as need be: rigid bodies may be pressed and pulled."""
     assert decide(problem_of(2, [3 * PRESS], COULOMB, "bilateral")) is not Balance.IMPOSSIBLE
-    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"})) is Balance.UNDECIDED
-    assert decide(problem_of(2, [5000 * PRESS], {"law": "stick"}, "bilateral")) is Balance.POSSIBLE
+    for law in ({"law": "stick"}, {"law": "cohesion", "a": 1e4, "mu": 0.3}):
+        assert decide(problem_of(2, [1005 * PRESS], law)) is Balance.UNDECIDED  # STEEP is 1000
+        assert decide(problem_of(2, [1005 * PRESS], law, "bilateral")) is Balance.POSSIBLE
 
 
 def test_a_wall_holds_what_is_pushed_against_it(problem_of: ProblemOf) -> None:
@@ -774,6 +780,50 @@ def test_a_wall_holds_what_is_pushed_against_it(problem_of: ProblemOf) -> None:
     for place, at_least in ((first, 2.6), (second, 0.0)):
         assert problem.surface.W[place.normal] @ p[place.normal] > at_least * PRESS
     assert_allclose(problem.project(p, problem.gamma), p, atol=1e-6 * np.abs(p).max())
+
+
+def test_friction_takes_up_the_work_of_a_pull_at_given_pressures(problem_of: ProblemOf) -> None:
+    for dim, share in product((2, 3), (0.29, 0.31)):
+        problem = problem_of(dim, [share * PRESS, 0.0][: dim - 1], {"law": "coulomb", "mu": 0.3})
+        surface, n = problem.surface, problem.surface.normal_rows
+        p = np.where(np.arange(len(problem.gap)) < n, PRESS / surface.W[:n].sum(), 7.0)
+        along = np.tile(np.eye(dim)[0], surface.size // dim)
+        assert spent(problem, p, along) == (share > 0.3)
+        assert not spent(problem, 1.01 * p, -np.tile(np.eye(dim)[-1], surface.size // dim))  # what presses is borne
+        (rows,) = problem.cone.contacts
+        less = replace(rows, free=rows.free & (np.arange(len(rows.free)) > 0)[:, None])
+        other = replace(problem, cone=replace(problem.cone, contacts=(less,)))
+        assert spent(other, p, along) or share < 0.3  # a direction without multiplier takes up nothing
+    problem = problem_of(2, [0.0], {"law": "stick"}, "bilateral")
+    lifted, up = replace(problem, load=times(problem.load, -1.0)), np.tile([0.0, 1.0], problem.surface.size // 2)
+    area = problem.surface.W[: problem.surface.normal_rows].sum()
+    for part in (0.9, 1.1):  # what does not slide is no work, however large its bound
+        assert spent(lifted, np.full(len(problem.gap), -part * PRESS / area), up) == (part < 1)
+
+
+def test_a_motion_closes_the_gaps_that_it_goes_towards(problem_of: ProblemOf) -> None:
+    problem = problem_of(2, [0.0], COULOMB)
+    n, down = problem.surface.normal_rows, -np.tile([0.0, 1.0], problem.surface.size // 2)
+    gap = np.where(np.arange(len(problem.gap)) < n, 0.5, 9.0)
+    for (w, widest), size in product(((0.0, 0.5), (0.25, 0.5), (-0.25, 0.75)), (1.0, 1e-9)):
+        assert closes(replace(problem, gap=gap), np.full(len(gap), w), size * down) == widest
+        assert closes(replace(problem, gap=gap), np.full(len(gap), w), -size * down) == 0.0
+
+
+def test_a_body_that_nothing_touches_is_held_by_nothing_that_no_gap_closes(problem_of: ProblemOf) -> None:
+    """Tresca's bound would bear a pull along the floor, if something touched."""
+    pulled, pressed = (problem_of(2, [pull], {"law": "tresca", "bound": 0.02}) for pull in (0.03, 0.0))
+    a, b = pulled.load, pressed.load
+    along = replace(a, f_c=a.f_c - b.f_c, resultant=a.resultant - b.resultant, free=a.free - b.free)
+    rests, n = replace(pulled, load=along), pulled.surface.normal_rows
+    assert unbalanced_motion(rests) is None
+    up, drift = np.tile([0.0, 1.0], rests.surface.size // 2), rests.surface.R @ along.resultant
+    far = np.where(np.arange(len(rests.gap)) < n, 1e3, 0.0)
+    elsewhere = replace(along, free=along.free - 1e3 * up)  # the augmentation tells nothing of where bodies are
+    for away in (replace(rests, gap=rests.gap + far), replace(rests, u_before=1e3 * up, load=elsewhere)):
+        motion, lacking = unbalanced_motion(away)
+        assert lacking == 1.0
+        assert_allclose(motion, drift / np.abs(drift).max())
 
 
 def test_rigid_bodies_rest_where_gaps_are_small_and_evenly(problem_of: ProblemOf) -> None:

@@ -262,7 +262,10 @@ def test_a_field_of_friction_has_a_coefficient_for_each_point() -> None:
         (lambda: fallen(mu_k=0.4), r"^mu_s = 0\.3: must not be below mu_k = 0\.4"),
         (lambda: fallen(slip_length=0.0), r"^slip_length = 0\.0: must be positive, in metres"),
         (lambda: SlipDependent(mu=()), r"^mu = \[\]: a table needs at least one \[value, mu\]"),
-        (lambda: SlipDependent(mu=((0.0, 0.1), (0.0, 0.2))), r"^mu = .*: its first column must increase from 0"),
+        (
+            lambda: SlipDependent(mu=((0.0, 0.1), (0.0, 0.2))),
+            r"^mu = \[0\.0, 0\.0\]: its first column must increase from 0",
+        ),
         (lambda: SlipDependent(mu=((-1.0, 0.1),)), r"^mu = .*: its first column must increase from 0"),
         (lambda: SlipDependent(mu=((0.0, -0.1),)), r"^mu = -0\.1: mu must not be negative"),
         (lambda: across(mu_1=0.0), r"^mu_1 = 0\.0: must be positive"),
@@ -282,6 +285,10 @@ def test_a_field_of_friction_has_a_coefficient_for_each_point() -> None:
             r"^mu = \[\[0\.0, 0\.0\], \[1\.0, 0\.3\]\]: is 0 at V = 0, .*, such as 1e-3$",
         ),
         (lambda: RateDependent(mu=((0.0, 0.3), (1.0, 0.2))), r"^mu = \[\[0\.0, 0\.3\], \[1\.0, 0\.2\]\]: mu falls as"),
+        (lambda: RateDependent(mu=((0.0, 0.3),), damping=-1.0), r"^damping = -1\.0: must not be negative, in Pa s/m"),
+        (lambda: RateDependent(mu="q("), r'^mu = "q\(": column'),
+        (lambda: PressureDependent(mu=()), r"^mu = \[\]: a table needs at least one \[value, mu\]"),
+        (lambda: across().check_model("plane strain"), r'^law = "orthotropic_coulomb": a plane model has one'),
         (lambda: RateDependent(mu="0.3 + x + y"), r'^mu = "0\.3 \+ x \+ y": x, y: mu depends on V alone'),
     ],
 )
@@ -461,9 +468,15 @@ def test_laws_by_slip_are_coulombs_with_the_mu_of_each_point() -> None:
         assert found.of_point(1) == Coulomb(mu=mu[1], k_T=4.0)
         assert law.remembers
         assert law.resists()
+        assert_array_equal(law.within(slid, 1.0).mu, found.mu)  # type: ignore[attr-defined]
         assert_allclose(law.weakening, 0.1)
     assert not StaticKinetic(mu_s=0.0, mu_k=0.0, slip_length=1.0).resists()
     assert Coulomb(mu=0.3).at(slid) == Coulomb(mu=0.3)
+    assert_array_equal(Coulomb(mu=0.3).memory(2), [0.0, 0.0], strict=True)
+    assert_array_equal(Coulomb(mu=0.3).work_aside(slid, SHARES, slid, 1.0), [0.0, 0.0], strict=True)
+    assert Coulomb(mu=0.3).rates(slid) is None
+    assert_array_equal(RATES[0].rates(slid), slid)  # type: ignore[arg-type]
+    across().check_model("3d")
 
 
 RATES = [
@@ -479,11 +492,12 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
     law: RateDependent, k_T: float | None
 ) -> None:
     now = replace(law, k_T=k_T).within(np.zeros(2), 0.5)
-    p, gamma, h = np.array([1.0, 4.0, 9.0, 1.0]), np.array([2.0, 5.0]), 1e-6
+    p, gamma, h = np.array([1.0, 4.0, 9.0, 1.0]), np.array([0.5, 5.0]), 1e-6
+    soft = 1 + gamma / k_T if k_T else 1.0
     for size in (np.array([0.1, 0.2]), np.array([3.0, 6.0]), np.array([9.0, 40.0])):
         found = now.dragged(p, SHARES, Trial(size, gamma))
-        slip = np.maximum(size - found.bound * (1 + gamma * now.softness), 0.0) / gamma  # of t + gamma (slip + t/k_T)
-        at_rest = size <= now.limit(p, normal=Unilateral(), **NOW) * (1 + gamma * now.softness)
+        slip = np.maximum(size - found.bound * soft, 0.0) / gamma  # of t + gamma (slip + t/k_T)
+        at_rest = size <= now.limit(p, normal=Unilateral(), **NOW) * soft
         moving = law.at(slip / 0.5).limit(p, normal=Unilateral(), **NOW)
         assert_allclose(np.where(at_rest, 0.0, found.bound), moving * ~at_rest)
         assert_allclose(found.bound[at_rest], now.limit(p, normal=Unilateral(), **NOW)[at_rest])
@@ -495,9 +509,35 @@ def test_the_bound_of_slip_in_a_step_is_that_of_its_rate_and_has_its_derivatives
         resting = law.at(np.zeros(2)).limit_slope(p, SHARES, Unilateral()).toarray()
         own = np.where(at_rest[:, None], resting, found.by_pressure.toarray())
         assert_allclose(own, slope, atol=1e-8)
-    assert not now.dragged(-p, SHARES, Trial(size, gamma)).by_pressure.toarray().any()
+    for none in (-p, 0 * p):
+        found = now.dragged(none, SHARES, Trial(size, gamma))
+        assert not found.bound.any()
+        assert not found.by_pressure.toarray().any()
     assert not now.homogeneous(Unilateral(), 1.0, 1.0)
     assert replace(law, k_T=k_T).at(np.zeros(2)).k_T == k_T
+    assert now.lines(Unilateral(), 1.0, 1.0) == (np.inf, 0.2, 1.0 if law is RATES[0] else np.inf)
+
+
+@pytest.mark.parametrize("law", RATES[:2])
+def test_a_rate_balances_its_trial_traction(law: RateDependent, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.laws.rate_dependent.NEWTON_STEPS", 60)
+    size, p, gamma = (10.0 ** grid.ravel() for grid in np.meshgrid(*3 * [np.arange(-6.0, 7.0, 2.0)]))
+    V = law.rate(size, p, gamma)
+    left = law.coefficient(V) * p + gamma * V
+    assert_allclose(left[V > 0], size[V > 0], rtol=20 * EPS)
+    assert np.all(left[V == 0] >= size[V == 0])
+
+
+def test_points_that_slide_radiate_where_they_press() -> None:
+    """eta V = 0.21, 2.1 and 2.1 Pa on top of mu(V) p."""
+    law, p, normal = RATES[2].at(np.array([0.3, 3.0, 3.0])), np.array([2.0, 0.0, -1.0]), Unilateral()
+    assert_allclose(law.limit(p, np.eye(3), normal, 1.0, 1.0), [0.3 * 2.0 + 0.7 * 0.3, 0.0, 0.0])
+    assert_allclose(law.limit_slope(p, sparse.identity(3, format="csr"), normal).toarray(), np.diag([0.3, 0.0, 0.0]))
+    assert law.lines(normal, 1.0, 1.0) == (np.inf, pytest.approx(0.3), np.inf)
+    assert RATES[2].at(np.zeros(2)).lines(normal, 1.0, 1.0) == (np.inf, 0.2, 0.2)
+    assert RATES[2].at(np.zeros(0)).lines(normal, 1.0, 1.0) == (np.inf, np.inf, 0.0)
+    other = law.of_points(np.array([2, 0]))
+    assert_allclose(other.limit(np.ones(2), np.eye(2), normal, 1.0, 1.0), [1.0 + 0.7 * 3.0, 0.3 + 0.7 * 0.3])
 
 
 @pytest.mark.parametrize(
@@ -536,6 +576,7 @@ def test_an_expression_without_values_or_slopes_or_that_falls_is_refused_in_one_
             "0.3 + 1/(1 + exp(1e3 - 1e3*V))",
             "1e-3 + 0.3*V**3/(1 + V**3)",
             "0.1*pi",
+            "0.3 + V**51.2",  # almost too large for a float
             "0.3 - 0.1*max(V - 2e6, 0)/1e6",  # falls beyond all speeds that are looked at
         ),
     ],
@@ -554,7 +595,6 @@ def test_the_rate_of_a_step_without_length_is_that_of_rest() -> None:
     assert RateDependent(mu="0.3").resists()
     assert not RateDependent(mu="0").resists()
     assert not RateDependent(mu=((0.0, 0.0),)).resists()
-    assert law.within(slip, 0.5).lines(Unilateral(), 1.0, 1.0) == (np.inf, 0.2, 1.0)
     assert RATES[1].at(slip).lines(Unilateral(), 1.0, 1.0)[2] == np.inf
     assert_allclose(RATES[1].slope(slip), 0.1 / (1 + slip))
 

@@ -18,12 +18,16 @@ from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
+from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_dependent import RateDependent
+from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
 from stickslip.solvers.newton import attempts, condensed_system
-from stickslip.solvers.newton.active_set import ActiveSet, linearise
+from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
     HALVINGS,
@@ -35,7 +39,7 @@ from stickslip.solvers.newton.attempts import (
     first_starts,
     other_starts,
 )
-from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve
+from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve, unfelt
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.stepping.touch import Way
 from stickslip.workflows.lab.benchmarks.price_run import Case
@@ -75,17 +79,28 @@ COMBINATIONS = [  # of laws
     ("bilateral", "tresca"), ("linear", "coulomb"), ("power", "coulomb"), ("power", "tresca"),
     ("linear", "penetration"), ("power", "penetration"), ("power", "penetration squared"),
     ("unilateral", "soft coulomb"), ("power", "soft coulomb"), ("bilateral", "soft tresca"),
-    ("unilateral", "soft stick"),
+    ("unilateral", "soft stick"), ("worn", "coulomb"), ("unilateral", "by rate"), ("worn", "soft coulomb"),
+    ("power", "by rate"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("laws", "dim"), every_nth(2, COMBINATIONS, [2, 3]))
+IN_SPACE = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3)]
+
+
+@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *IN_SPACE])
 def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    problem = surface_problem(prepare(pressed(dim, normal, friction, solver=TIGHT)))
-    problem = replace(problem, gap=problem.gap + np.random.default_rng(6).normal(0.0, 0.1, len(problem.gap)))
-    cone, gamma, rows = problem.cone, problem.gamma * 0.8, problem.cone.size
+    plain = {"worn": "unilateral", "by rate": "coulomb"}  # of what laws become in a step
+    problem = surface_problem(prepare(pressed(dim, *(plain.get(law, law) for law in laws), solver=TIGHT)))
+    (own,) = problem.cone.contacts
+    if normal == "worn":
+        own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.0, 0.3], len(own.W_n))))
+    if friction == "by rate":
+        own = replace(own, friction=RateDependent(mu=((0.0, 0.1), (1.0, 0.4))).within(np.zeros(len(own.W_t)), 0.5))
+    cone, gamma, rows = replace(problem.cone, contacts=(own,)), problem.gamma * 0.8, problem.cone.size
+    gap = problem.gap + np.random.default_rng(6).normal(0.0, 0.1, rows)
+    problem = replace(problem, gap=gap, cone=cone)
     p_hat, states = trial_away_from_kinks(cone, gamma, seed=4)
     if normal != "bilateral" and "stick" not in friction:
         assert set(states) >= {"open", "slip", "stick"}
@@ -98,7 +113,12 @@ def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], d
     x, h = np.concatenate([p, w]), 1e-6
     columns = [(defect(x + h * e) - defect(x - h * e)) / (2 * h) for e in np.eye(2 * rows)]
     J = np.stack(columns, axis=1)
-    M, r = as_one_system(linearise(problem, p_hat, gamma))
+    linear = linearise(problem, p_hat, gamma)
+    for found, expected in zip(sets(problem, p_hat, gamma), (linear.sets, cone.project(p_hat, gamma)), strict=True):
+        assert_array_equal(found, expected)
+    (place,) = cone.places
+    assert_array_equal(linear.slip[place.normal], (own.normal.give > 0) & (p_hat[place.normal] > 0))
+    M, r = as_one_system(linear)
     assert np.linalg.matrix_rank(M) == np.linalg.matrix_rank(J, tol=1e-6) == rows
     solution = np.linalg.lstsq(M, r, rcond=None)[0]
     assert_allclose(M @ solution, r, atol=1e-12)
@@ -126,16 +146,20 @@ def test_the_condensed_system_is_solved_with_its_laws(dim: int) -> None:
 def test_springs_are_solved_as_rows_too_however_stiff(c_n: float) -> None:
     base = {"surface": "block.bottom", "against": "foundation", "friction": FRICTION["coulomb"]}
     base |= {"normal": {"law": "compliance", "c_n": c_n}}
-    problem = surface_problem(prepare(scene_of(3, contacts={"base": base})))
-    laws = linearise(problem, trial_away_from_kinks(problem.cone, problem.gamma, seed=4)[0], problem.gamma)
-    assert laws.k.any()
+    problem = surface_problem(prepare(scene_of(3, contacts={"base": base}, bodies={"block": {"E": 3.0, "nu": 0.3}})))
+    p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
+    laws, normal = linearise(problem, p_hat, problem.gamma), problem.cone.places[0].normal
+    assert_array_equal(sets(problem, p_hat, problem.gamma)[0][1, normal], p_hat[normal] > 0)
     assert isinstance(problem.surface, CondensedSurface)
-    p, u_c = by_tractions(laws.without_springs(), problem.surface)
+    rows = laws.without_springs()
+    assert_allclose((rows.A_p - rows.A_w @ sparse.diags(1 / problem.gamma)).diagonal()[laws.k > 0], 1.0)
     M, r = as_one_system(laws)
-    x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
-    assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
-    balance = problem.surface.S @ u_c + problem.surface.forces(p) - problem.load.f_c
-    assert_allclose(balance, 0.0, atol=1e-11 * problem.surface.total * np.abs(u_c).max())
+    for system in (rows, laws)[: 1 + (c_n < 1e3)]:  # as they are, very stiff ones drown the bodies
+        p, u_c = by_tractions(system, problem.surface)
+        x, size = np.concatenate([p, problem.relative_displacement(u_c)]), np.abs(M).max(axis=1)
+        assert_allclose((M @ x - r) / size, 0.0, atol=1e-12 * np.abs(x).max())  # each row has its own size
+        balance = problem.surface.S @ u_c + problem.surface.forces(p) - problem.load.f_c
+        assert_allclose(balance, 0.0, atol=1e-11 * problem.surface.total * np.abs(u_c).max())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -175,9 +199,10 @@ def test_a_saddle_point_is_solved_alike_whatever_is_called_a_metre() -> None:
     f, g = rng.normal(size=8), rng.normal(size=3)
     x, y = saddle_point(A, B, C, D, f, g)
     assert_allclose(np.concatenate([A @ x + B @ y, C @ x + D @ y]), np.concatenate([f, g]), atol=1e-12)
-    longer, farther = saddle_point(A, B / metre, C * metre, D, f, g * metre)
-    assert_array_equal(longer, x)
-    assert_array_equal(farther, y * metre)
+    for pascal in (1.0, 2.0**-40):
+        longer, farther = saddle_point(A * pascal, B * pascal / metre, C * metre, D, f * pascal, g * metre)
+        assert_array_equal(longer, x)
+        assert_array_equal(farther, y * metre)
 
 
 def test_rows_that_slip_are_known() -> None:
@@ -208,7 +233,7 @@ def test_a_direction_without_multiplier_has_no_law() -> None:
 
 def test_nan_goes_through_the_system() -> None:
     """It ends as Status.NOT_FINITE, not as an error."""
-    problem = surface_problem(prepare(pressed(2, "linear", "coulomb", solver=TIGHT)))
+    problem = surface_problem(prepare(pressed(3, "linear", "coulomb", solver=TIGHT)))
     p_hat, _ = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws = linearise(problem, p_hat, problem.gamma)
     surface = problem.surface
@@ -514,6 +539,34 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     assert best.p is start.p
     assert best.u_c is start.u_c
     assert_allclose(best.w, floating.relative_displacement(start.u_c))
+
+
+def test_tractions_that_leave_more_than_rounding_of_a_load_are_refused(floating: SurfaceProblem) -> None:
+    p = np.zeros(len(floating.gap))
+    laws, left = linearise(floating, p, floating.gamma), float(np.abs(floating.load.resultant).sum())
+    for rounding in ((), (0.9 * left,)):
+        with pytest.raises(np.linalg.LinAlgError, match=r"^the system is singular: some rigid motion is not held$"):
+            laws.refuse_unbalanced(p, *rounding)
+    laws.refuse_unbalanced(p, 1.1 * left)
+
+
+def test_rounding_of_a_common_motion_is_no_force(floating: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[float] = []
+    monkeypatch.setattr(ActiveSet, "refuse_unbalanced", lambda self, p, rounding=0.0: told.append(rounding))
+    gap = np.full(len(floating.gap), 0.125)
+    problem = replace(floating, gap=gap, offset=-gap)
+    solve(linearise(problem, closed(problem), problem.gamma), np.zeros(problem.surface.size))
+    assert told == [pytest.approx(EXACT * condensed(floating.surface).total * 0.25)]
+
+
+@pytest.mark.parametrize("c_n", [1.0, 1e-12])
+def test_however_soft_springs_resist_a_motion(c_n: float, floating: SurfaceProblem) -> None:
+    """Without friction they hold a body but for one motion, along the floor."""
+    (rows,) = floating.cone.contacts
+    rows = replace(rows, normal=Compliance(c_n=c_n), friction=None)
+    problem = replace(floating, cone=replace(floating.cone, contacts=(rows,)))
+    free = unfelt(linearise(problem, closed(problem), problem.gamma), condensed(problem.surface))
+    assert_allclose(np.linalg.eigvalsh(free), [0.0, 0.0, 1.0], atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,13 +13,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shared.problems import SceneOf, SimulationOf
 from stickslip.geometry.arrays import CLOSE, SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
+from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.laws.friction import CoulombByPoint
+from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system, path, semismooth, uniqueness
-from stickslip.solvers.newton.attempts import Start, closed
+from stickslip.solvers.newton.attempts import FIRM, Start, closed
 from stickslip.solvers.newton.semismooth import SemismoothNewton
 from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import Accepted
@@ -373,6 +376,113 @@ def test_simpler_laws_lead_to_the_solution(
     assert len(ends) >= 3
     assert off[0] < 10 * semismooth.NEAR
     assert off[-1] < 1e-9
+
+
+@pytest.mark.parametrize("name", ["coulomb", "gaps"])
+def test_branches_from_a_state_from_all_open_and_from_all_closed_end_at_the_solution(name: str) -> None:
+    """A state without tractions fulfils all laws, but balances nothing; from the solution itself it is near."""
+    problem, expected = problem_of(name), solved(name)
+    for found in semismooth.branches(problem, 0 * expected.p, 0 * expected.w, 1e-10, 50):
+        assert_allclose(found.p, expected.p, atol=1e-9 * np.abs(expected.p).max())
+    near, opened, _ = semismooth.branches(problem, expected.p, expected.w, 1e-10, 50)
+    assert len(near.history) == 2 < len(opened.history)
+
+
+def test_newton_tells_each_step_and_asks_where_points_touch() -> None:
+    problem, steps, asked = problem_of("coulomb"), list[Any](), list[Any]()
+    touch = lambda p, w, gap: asked.append(p) or gap  # noqa: E731
+    found = METHOD(replace(problem, touch=touch), np.zeros(len(problem.gap)), steps.append)
+    assert tuple(steps) == found.history
+    assert asked
+
+
+@pytest.mark.parametrize("name", ["coulomb", "compliance", "bound by penetration"])
+def test_starts_follow_each_other_where_attempts_are_short(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", 1)
+    problem, expected = problem_of(name), solved(name)
+    method = SemismoothNewton(rtol=1e-10, max_it=1000, linear=condensed_system.solve)
+    found = method(problem, np.zeros(len(problem.gap)))
+    assert found.status is Status.CONVERGED
+    assert_allclose(found.p, expected.p, atol=1e-8 * np.abs(expected.p).max())
+
+
+@pytest.fixture
+def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
+    """Starts of a chain whose attempts have failed; each start is the name and the arguments of what found it."""
+    for name in ("resting_start", "first_starts", "soft_starts", "on_softer_springs", "other_starts", "simpler_ends"):
+        monkeypatch.setattr(semismooth, name, lambda *given, name=name: iter([(name, *given)]))
+    monkeypatch.setattr(path, "ends", lambda *given: iter([("ends", *given)]))
+    monkeypatch.setattr(semismooth, "again", lambda *given: ("again", *given))
+
+    def make(p: Array, **state: Any) -> list[Any]:
+        made = {"stalled": False, "over": False, "follows": True, "collapse": None, "problem": None}
+        tried: Any = SimpleNamespace(**made | {"best": SimpleNamespace(p=2 * p)} | state)
+        return [tried, *METHOD._chain(cast("Any", PROBLEM), p, tried)]
+
+    return make
+
+
+METHOD, PROBLEM = SemismoothNewton(rtol=1e-10, max_it=100, linear=condensed_system.solve), object()
+
+
+def test_starts_come_in_their_order(order: Callable[..., list[Any]]) -> None:
+    p = np.ones(1)
+    tried, *found = order(p)
+    first: list[Any] = [(("resting_start", PROBLEM, p, METHOD), None), (("first_starts", PROBLEM, p), None)]
+    rest: list[Any] = [
+        (("on_softer_springs", PROBLEM, p, METHOD._on_springs), None),
+        (("other_starts", PROBLEM, p), None),
+        (("ends", PROBLEM, p, tried.best), None),
+        (("simpler_ends", PROBLEM, tried.best.p, METHOD), None),
+    ]
+    assert found == [*first, (("soft_starts", tried), FIRM[0]), *rest]
+    assert (tried.problem, tried.follows) == (PROBLEM, False)
+    tried, *found = order(p, over=True)
+    assert found == [*first, (("soft_starts", tried), FIRM[0])]
+    tried, *found = order(p, stalled=True)
+    damped = (("again", PROBLEM, tried.best), FIRM[0])
+    assert found[:4] == [first[0], damped, first[1], damped]
+    assert len(order(p, stalled=True, best=None, over=True)) == 4
+
+
+@pytest.mark.parametrize("pressed", [0.0, 1.0])
+def test_a_mechanism_ends_the_chain_of_what_has_tractions(
+    pressed: float, order: Callable[..., list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gives_way = Mechanism(np.ones(1), 1.0)
+    monkeypatch.setattr(semismooth, "on_softer_springs", lambda *given: iter(["begin", gives_way, "start"]))
+    tried, *found = order(np.full(1, pressed))
+    assert tried.collapse is gives_way
+    assert found[3] == ("begin", None)
+    assert found[4:5] == [("start", None)] if not pressed else len(found) == 4
+
+
+def test_linear_laws_stand_in_where_a_law_is_a_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, expected, posed = problem_of("gaps"), solved("gaps"), list[SurfaceProblem]()
+    monkeypatch.setattr(SurfaceProblem, "idle", True)
+    low, right = problem.cone.contacts
+    low = replace(low, normal=Compliance(c_n=1.0, m_n=2.0))
+    problem = replace(problem, cone=replace(problem.cone, contacts=(low, right)))
+    (start,) = semismooth.resting_start(problem, expected.p, lambda other, p: posed.append(other) or expected)
+    assert start.p is expected.p
+    spring, rigid = (rows.normal for rows in posed[0].cone.contacts)
+    assert_array_equal(spring.stiffness(np.ones(1), np.ones(1)), problem.gamma[problem.cone.places[0].normal])
+    assert rigid is right.normal
+    assert (posed[0].cone.time, posed[0].cone.end) == (problem.cone.time, problem.cone.end)
+
+
+def test_what_is_on_springs_is_solved_from_its_start_and_then_from_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, expected, seen = problem_of("coulomb"), solved("coulomb"), list[Any]()
+    near, far = Start.at(problem, expected.p, expected.u_c), Start.as_if(problem, 0 * expected.p, closed(problem))
+    for most, others, start, arrives in (
+        (60, [], far, True), (1, [], near, True), (1, [], far, False), (1, [(near, None)], far, True),
+    ):  # fmt: skip
+        monkeypatch.setattr("stickslip.solvers.newton.attempts.ATTEMPT", most)
+        monkeypatch.setattr(SemismoothNewton, "_chain", lambda *given, to=others: seen.append(given[1:]) or iter(to))
+        assert (METHOD._on_springs(problem, start).status is Status.CONVERGED) == arrives
+        assert seen[-1][0] is problem
+        assert seen[-1][1] is start.p
+        assert seen[-1][2].problem is problem
 
 
 def test_the_problem_of_tangents_is_piecewise_linear(problem_of_block: Callable[..., SurfaceProblem]) -> None:

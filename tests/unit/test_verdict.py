@@ -17,8 +17,10 @@ from stickslip.solvers.contact.coupling import rigid_coupling
 from stickslip.solvers.fem.forms import WeakForms
 from stickslip.solvers.laws.friction import CappedCoulomb, Cohesion, Coulomb, OrthotropicCoulomb, Stick, Tresca
 from stickslip.solvers.laws.pressure_dependent import PressureDependent
+from stickslip.solvers.laws.rate_and_state import RateAndState, RateAndStateByPoint
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.slip_dependent import SlipDependent, StaticKinetic
+from stickslip.solvers.laws.wear import Slide, Turned, Wear
 from stickslip.solvers.results import closed_formulas
 from stickslip.solvers.results.audit import Audit, Auditor
 from stickslip.solvers.results.verdict import limits, passed
@@ -128,6 +130,15 @@ def test_what_has_no_second_formula_is_named(scene_of: SceneOf, monkeypatch: pyt
     assert shared == ("obstacles.foundation: gap", "contacts.base.friction")
 
 
+SOFT_LAW = Compliance(c_n=3.0)
+
+
+def by_state(**numbers: Any) -> RateAndStateByPoint:
+    """At four points, with a from 0.01 to 0.2, so that the exponential is small and beyond all digits."""
+    law = RateAndState(f0=0.6, a=0.1, b=0.2, Dc=0.5, V0=0.3, **numbers)
+    return RateAndStateByPoint(of=law, a=np.array([0.1, 0.1, 0.2, 0.01]), b=np.full(4, 0.2), Dc=np.full(4, 0.5))
+
+
 LAWS: dict[str, tuple[FrictionLaw, Any]] = {
     "coulomb": (Coulomb(mu=0.3), Unilateral()),
     "capped": (CappedCoulomb(mu=0.3, s_max=0.5), Unilateral()),
@@ -143,6 +154,12 @@ LAWS: dict[str, tuple[FrictionLaw, Any]] = {
     "static, kinetic": (StaticKinetic(mu_s=0.4, mu_k=0.3, slip_length=0.5), Unilateral()),
     "orthotropic": (OrthotropicCoulomb(mu_1=0.2, mu_2=0.5, axis=(1.0, 0.0, 0.0)), Unilateral()),
     "compliance": (TangentialCompliance(c_T=2.0, m_T=1.5), Compliance(c_n=3.0, m_n=2.0)),
+    "tresca, compliant": (Tresca(bound=0.4), Compliance(c_n=3.0)),
+    "by rate, radiating": (RateDependent(mu=((0.1, 0.3), (0.4, 0.4)), damping=0.7), Unilateral()),
+    "by rate, an expression": (RateDependent(mu="0.2 + 0.1*V"), Unilateral()),
+    "turned": (Turned(of=Tresca(bound=0.4), normal=SOFT_LAW, slide=Slide(given=1.0, speed=True)), SOFT_LAW),
+    "rate and state": (by_state(), Unilateral()),
+    "rate and state, radiating": (by_state(damping=0.7), Unilateral()),
 }
 
 
@@ -152,9 +169,76 @@ def test_both_formulas_of_a_bound_agree(friction: FrictionLaw, normal: Any) -> N
         np.array([-1.0, 0.0, 0.5, 4.0]),
         np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0.5, 0.5, 0], [0, 0, 0.2, 0.8]]),
     )
+    p = np.maximum(p, 0.0) if normal.at_quadrature else p
     memory = np.array([0.0, 0.2, 1.0, 7.0])
+    if isinstance(friction, RateAndStateByPoint):
+        memory = np.column_stack([[0.0, 0.5, -0.3, 1.0], memory])
     found = closed_formulas.bound(friction, normal, p, average, 0.7, 2.0, memory)
     np.testing.assert_allclose(found, friction.at(memory).limit(p, average, normal, 0.7, 2.0))
+
+
+POINTS = np.array([[0.5, 1.0], [2.0, 3.0], [1.0, 0.0], [4.0, 0.5]])
+SLIDES = [
+    *(Slide(given=0.6, speed=speed, turns=turns) for speed in (False, True) for turns in (False, True)),
+    Slide(given=((0.0, 1.0), (2.0, -3.0)), speed=False),
+    *(Slide(given=((0.0, a), (2.0, b)), speed=True) for a, b in ((0.4, 0.8), (0.8, -2.2), (-0.8, 2.2), (0.0, 0.0))),
+    Slide(given=((0.0, 0.5), (1.0, 0.0), (2.0, 0.0)), speed=True),
+]
+
+
+@pytest.mark.parametrize("slide", SLIDES)
+def test_both_formulas_of_a_slide_agree(slide: Slide) -> None:
+    for time, step in ((1.0, 0.25), (1.0, 1.0), (2.0, 1.0)):
+        found = closed_formulas.slid(slide, POINTS, time, step, 2.0)
+        np.testing.assert_allclose(found, slide.within(POINTS, time, step, 2.0), rtol=1e-13)
+    np.testing.assert_array_equal(closed_formulas.slid(None, POINTS, 1.0, 1.0, 2.0), np.zeros(4), strict=True)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        LAWS["by slip"][0],
+        LAWS["static, kinetic"][0],
+        LAWS["by rate"][0],
+        *(by_state(evolution=evolution) for evolution in ("aging", "slip")),
+        *(Turned(of=Coulomb(mu=0.3), normal=Unilateral(), slide=s).placed(POINTS, 1.0, 2.0) for s in SLIDES[1:6]),
+        Turned(of=Coulomb(mu=0.3), normal=Unilateral(), slide=SLIDES[-1]).placed(POINTS, 2.0, 2.0),
+    ],
+)
+def test_both_formulas_of_what_is_remembered_agree(law: FrictionLaw) -> None:
+    before = np.array([0.0, 0.2, 1.0, 7.0])
+    if isinstance(law, RateAndStateByPoint):
+        before = np.column_stack([[0.3, 0.5, -0.3, 1.0], before])
+    for slip in map(np.array, ([0.3, 0.0, 1e-17, 5.0], [1e-16, 1e-15, 1e-12, 1e-200])):
+        found = closed_formulas.remembered(law, before, slip, 0.25)
+        np.testing.assert_allclose(found, law.after(before, slip, 0.25), rtol=1e-13)
+
+
+@pytest.mark.parametrize("law", [Coulomb(mu=0.3), LAWS["turned"][0], LAWS["by rate"][0], by_state()])
+def test_what_jumps_or_is_nowhere_or_remembers_nothing_has_no_second_formula(law: FrictionLaw) -> None:
+    assert closed_formulas.remembered(law, np.zeros((4, 2)), np.ones(4), 0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "expected"),
+    [
+        ({"k": 0.25}, 0.25),
+        ({"k": (0.25, 0.5)}, 0.75),
+        ({"k": ((0.0, 1.0), (2.0, 3.0))}, [1.0, 1.5]),
+        ({"k": ((0.0, 1.0), (2.0, 3.0)), "by": "slip"}, [2.0, 3.0]),
+        ({"k": "x + t"}, [1.5, 3.0]),
+    ],
+)
+def test_wear_goes_by_pressure_slip_or_place(keys: dict[str, Any], expected: Any) -> None:
+    found = closed_formulas.worn_rate(Wear(**keys), POINTS[:2], 1.0, 2.0, np.array([-1.0, 0.5]), np.array([1.0, 5.0]))
+    np.testing.assert_allclose(found, expected)
+
+
+def test_supports_move_in_time_and_place(scene_of: SceneOf) -> None:
+    problem = resolve(scene_of(obstacles=FLAT, base={"friction": COULOMB}, top={"x": "0.1*x*t", "y": -0.1}))
+    for axis, expected in (("x", 0.1 * POINTS[:, 0] * 0.5), ("y", np.full(4, -0.05))):
+        found = closed_formulas.prescribed(problem, "top", axis, POINTS, 0.5)  # type: ignore[arg-type]
+        np.testing.assert_allclose(found, expected)
 
 
 def test_both_formulas_of_a_penetration_agree() -> None:
@@ -163,8 +247,10 @@ def test_both_formulas_of_a_penetration_agree() -> None:
     assert found is not None
     np.testing.assert_allclose(found, [0.0, 0.0, 0.5, 2.0], rtol=1e-14, atol=0)
     np.testing.assert_allclose(closed_formulas.pressure(law, found), np.maximum(p, 0.0), rtol=1e-13)
+    np.testing.assert_allclose(closed_formulas.stored_energy(law, p), law.energy(np.maximum(p, 0.0)), atol=1e-15)
     for rigid in (Unilateral(), Bilateral(), Tied()):
         assert np.array_equal(closed_formulas.penetration(rigid, p), np.zeros(4))
+        assert np.array_equal(closed_formulas.stored_energy(rigid, p), np.zeros(4))
         assert closed_formulas.pressure(rigid, p) is None
 
 
@@ -174,7 +260,10 @@ def test_a_law_of_a_file_of_ones_own_has_no_second_formula() -> None:
 
     p, alone = np.ones(1), np.eye(1)
     assert closed_formulas.penetration(Own(), p) is None
-    assert closed_formulas.bound(TangentialCompliance(c_T=1.0), Own(), p, alone, 1.0, 1.0, p) is None
+    assert closed_formulas.stored_energy(Own(), p) is None
+    of = TangentialCompliance(c_T=1.0)
+    for law in (of, Turned(of=of, normal=Own(), slide=SLIDES[0])):
+        assert closed_formulas.bound(law, Own(), p, alone, 1.0, 1.0, p) is None
 
 
 @pytest.mark.parametrize(
