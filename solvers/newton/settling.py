@@ -33,7 +33,7 @@ class OnSprings(Attempts):
         """
         Args:
             attempts: at the problem without springs.
-            level: stiffness of the springs, relative to that of the bodies [-].
+            level: stiffness of the springs, in series with ones as stiff as the bodies, relative to these [-].
             rest: displacement (c,) [m] at which they have no force.
         """
         super().__init__(replace(attempts.problem, touch=None), attempts.bodies, SLIGHT, attempts.max_it)

@@ -41,6 +41,7 @@ from stickslip.solvers.newton.attempts import (
 )
 from stickslip.solvers.newton.condensed_system import by_motion, by_tractions, saddle_point, solve, unfelt
 from stickslip.solvers.newton.semismooth import SemismoothNewton
+from stickslip.solvers.newton.settling import OnSprings, settled
 from stickslip.solvers.stepping.touch import Way
 from stickslip.workflows.lab.benchmarks.price_run import Case
 from stickslip.workflows.lab.verification.prepared import prepare
@@ -593,6 +594,33 @@ def test_a_damped_attempt_arrives_where_bodies_float(floating: SurfaceProblem) -
     assert attempt.best.status is Status.CONVERGED
     assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
     assert floating.imbalance(attempt.best.p) <= 1e-12
+
+
+@pytest.mark.parametrize("level", [1e-2, 1e-6])
+def test_springs_carry_what_contact_lacks(level: float, floating: SurfaceProblem) -> None:
+    surface, zero = floating.surface, np.zeros(len(floating.gap))
+    held = OnSprings(Attempts(floating, Bodies(floating), 1e-12, 100), level, floating.u_before)
+    judged = list(held.settling(Start.at(floating, zero, floating.u_before), 0))
+    x = held.settled
+    assert x is not None
+    own, lacks = floating.natural_residual(x.p, x.w), floating.imbalance(x.p)
+    assert own <= SLIGHT
+    assert judged[-1].residual == max(own, lacks)
+    lacking = surface.R.T @ (floating.load.f_c - surface.forces(x.p))
+    moved = surface.R.T @ (x.u_c - floating.u_before)
+    assert_allclose(lacking, level / (1 + level) * surface.rho * moved, atol=1e-10 * np.abs(floating.load.f_c).sum())
+
+
+def test_bodies_settle_where_contact_holds_them(floating: SurfaceProblem) -> None:
+    attempt, zero = Attempts(floating, Bodies(floating), 0.0, 500), np.zeros(len(floating.gap))
+    attempt(Start.as_if(floating, closed(floating), closed(floating)))
+    assert attempt.best is not None
+    attempt.best = replace(attempt.best, residual=1.0)
+    first, *_, last = settled(attempt, Start.at(floating, zero, floating.u_before))
+    exact = CondensedNewton(rtol=1e-13)(floating, zero)
+    assert_array_equal(first.u_c, floating.u_before)
+    assert_allclose(last.p, exact.p, atol=SLIGHT * np.abs(exact.p).max())
+    assert_allclose(last.u_c, exact.u_c, atol=SLIGHT * np.abs(exact.u_c).max())
 
 
 def test_forces_out_of_balance_count_in_the_residual(floating: SurfaceProblem) -> None:
