@@ -174,7 +174,7 @@ class Shape:
         Raises:
             SceneError: the scene has no mesh size that could be changed.
         """
-        raise NotImplementedError
+        raise SceneError("mesh_size: cells that were made of others have none that could be changed")
 
     def of_order(self, order: int) -> Self:
         """The same shape with cells of a degree, 1 or 2."""

@@ -18,6 +18,7 @@ from stickslip.geometry.user_files.meshing import cut_to_sizes
 from stickslip.geometry.user_files.raw_mesh import LOCAL_FACETS, RawMesh, check_neighbours
 from stickslip.solvers.accuracy.histories import OtherHistory
 from stickslip.solvers.accuracy.nested_run import Places, cut_cells, flat_mesh
+from stickslip.solvers.interface.coarse_mesh import CoarseMesh
 from stickslip.solvers.results.step_result import Errors, Quantity, StepResult, quantities
 from stickslip.solvers.simulation.simulation import Simulation, prepare
 from stickslip.solvers.stepping.choice import Size
@@ -187,6 +188,13 @@ def test_cells_are_cut_at_edges_of_contact_and_corners() -> None:
         assert np.linalg.norm(x - corner, axis=1).min() < 1e-12
     away = (np.abs(x - low) > 1e-9).all(axis=1) & (np.abs(x - high) > 1e-9).all(axis=1)
     assert not away.any()  # on sides alone
+
+
+def test_cells_that_were_cut_have_no_coarse_mesh_beside_them() -> None:
+    simulation, _ = solved("half_space", "geometry.order=2")
+    system = simulation.system
+    cut = flat_mesh(system, simulation.data)
+    assert CoarseMesh.beside(replace(system, problem=replace(system.problem, shape=cut))) is None
 
 
 @pytest.mark.parametrize("name", ["sliding", "foundation", pytest.param("shaft", marks=pytest.mark.slow)])
