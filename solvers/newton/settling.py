@@ -4,7 +4,7 @@ Bodies that have room travel much farther than they deform, and residuals hardly
 1e-4 of its balance may turn by its own thickness. With springs to where they are bodies move as far as these give. Each
 problem is solved to a slight residual, from there the springs, ten times as soft, hold the bodies where they have come
 to. It is Euler's implicit method for the motion of bodies in a viscous fluid, with steps that grow; where one is too
-long, because contact changes too much, it is made shorter.
+long, because contact changes too much, it is made shorter, and the next ones grow less.
 
 Source: Rockafellar, SIAM J. Control Optim. 14 (1976), of proximal points.
 """
@@ -73,7 +73,7 @@ def settled(attempts: Attempts, start: Start) -> Iterator[Start]:
     yield start
     assert attempts.best is not None
     level, begun = 10 * FIRM[0] * min(1.0, attempts.best.residual), attempts.history[-1].iteration
-    last = begun
+    last, factor = begun, 100.0
     while last < begun + 2 * ATTEMPT and LAST_DIGITS < level < 1:
         held = OnSprings(attempts, level, start.u_c)
         attempts.follows = False  # where points touch is told by bodies in balance
@@ -83,10 +83,11 @@ def settled(attempts: Attempts, start: Start) -> Iterator[Start]:
             return
         took, last = number - last, number
         if held.settled is None:
-            level *= 10
+            level, factor = level * 10, 3.0
             continue
         start = replace(Start.at(attempts.problem, held.settled.p, held.settled.u_c), in_equilibrium=False)
-        level /= 10 if took > 2 else 100
+        level /= min(factor, 10.0) if took > 2 else factor
+        factor = min(factor * 3, 100.0)
         if took == 1:
             yield start
             last = attempts.history[-1].iteration
