@@ -56,7 +56,7 @@ class Start:
     p_hat: Array  # trial tractions (rows,) [Pa]
     factor: float | Array = 1.0  # that multiplies gamma
     in_equilibrium: bool = True  # whether u_c is the displacement under p
-    near: bool = False  # to a solution: a damped attempt is plain until its residual rises
+    near: bool = False  # to a solution: where its residual rises a plain attempt ends, a damped one begins to be damped
 
     @staticmethod
     def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float | Array = 1.0) -> Start:
@@ -282,7 +282,7 @@ class Attempts(Driver):
                     p_hat = p + gamma * (w - self.problem.gap)
                 weight = min(1.0, least) * firm * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
-            if solved is None and start.near and not weight:  # which holds what the active set leaves free
+            if solved is None and start.near and proximal and not weight:  # it holds what the active set leaves free
                 solved = self._solve(p_hat, held, gamma, (p, u), weight := min(1.0, least) * firm)
             if solved is None:
                 return

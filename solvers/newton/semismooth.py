@@ -51,9 +51,10 @@ class SemismoothNewton:
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
-    best iterate on, see `Attempts`. Soft contact follows, see `soft_start`, other trial tractions, the ends of paths,
-    see `path`, and solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of this
-    costs a volume solve but starts whose displacement is not known.
+    best iterate on, see `Attempts`. Soft contact follows, see `soft_start`, from which floating bodies settle, see
+    `settling`, other trial tractions, the ends of paths, see `path`, and solutions with simpler laws, see
+    `simpler_ends`, before the step counts as failed. None of this costs a volume solve but starts whose displacement is
+    not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).

@@ -481,9 +481,7 @@ def test_displacement_is_that_of_the_condensed_surface(both: tuple[Any, Any, Sys
     assert isinstance(free, MatrixFreeSurface)
     force = np.random.default_rng(0).normal(size=exact.size)
     u_c = exact.displacement(force)
-    off = (
-        1e-9  # asked for 1e-10: on a slender body the estimate of conjugate gradients' error is too small by up to 4.4
-    )
+    off = 1e-9  # asked for 1e-10: on a slender body the estimate of the error is too small, by up to 4.4
     assert_allclose(free.displacement(force), u_c, rtol=0, atol=off * np.abs(u_c).max())
     given = load_of(exact, system)
     size = np.abs(given.free).max()
