@@ -193,7 +193,8 @@ class Attempts(Driver):
     """The attempts so far, and the best iterate of all of them; its u_c is `u` of the bodies.
 
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
-    comes back to where it was and cycles from there on. A damped attempt looks for the length of its steps by a line
+    comes back to where it was and cycles from there on; where it was near to a solution, and then lacks more than all
+    tractions, it ends. A damped attempt looks for the length of its steps by a line
     search, and adds a proximal term to the laws, see `ActiveSet.proximal`: it fades out with the residual, and tenfold
     with each full step; short ones bring it back. From near a solution it begins as plain Newton, up to the first
     larger residual; where that is as large as all tractions it goes back to the iterate before.
@@ -234,7 +235,12 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
-        stalls = Stall(QUICK if proximal else QUICK // 2, number)
+        window = Stall(QUICK if proximal else QUICK // 2, number)
+
+        def stalls(k: int, residual: float) -> bool:
+            lost = proximal is None and window.least < NEAR and residual > 1  # it was near, and is nowhere
+            return window(k, residual) or lost
+
         found = self.run(self.iterates(start, proximal or 0.0, number), stalls, cycles=proximal is None)
         if found.status is Status.NO_HOLD and (self.best is None or np.isnan(self.best.residual)):
             w = self.bodies.relative(start.p, start.u_c)

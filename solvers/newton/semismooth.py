@@ -39,6 +39,7 @@ from stickslip.solvers.newton.attempts import (
     other_starts,
 )
 from stickslip.solvers.newton.collapse import on_softer_springs
+from stickslip.solvers.newton.interior_point import inner_starts
 from stickslip.solvers.newton.settling import settled
 from stickslip.solvers.newton.soft_start import soft_starts
 
@@ -51,10 +52,10 @@ class SemismoothNewton:
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
-    best iterate on, see `Attempts`. Soft contact follows, see `soft_start`, from which floating bodies settle, see
-    `settling`, other trial tractions, the ends of paths, see `path`, and solutions with simpler laws, see
-    `simpler_ends`, before the step counts as failed. None of this costs a volume solve but starts whose displacement is
-    not known.
+    best iterate on, see `Attempts`. Then come an interior point, see `interior_point`; soft contact, see `soft_start`,
+    from which floating bodies settle, see `settling`; other trial tractions; the ends of paths, see `path`; and
+    solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of this costs a volume solve
+    but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -85,10 +86,7 @@ class SemismoothNewton:
             yield start, None
             if attempts.stalled and attempts.best is not None:
                 yield again(problem, attempts.best), FIRM[0]
-        for start in soft_starts(attempts):
-            for place in settled(attempts, start):
-                yield place, None
-            yield start, FIRM[0]
+        yield from into_contact(attempts)
         if attempts.over:
             return
         attempts.problem, attempts.follows = problem, False
@@ -106,6 +104,20 @@ class SemismoothNewton:
             yield start, None
         for start in simpler_ends(problem, attempts.best.p, self):
             yield start, None
+
+
+def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
+    """Starts that an interior point leads to, soft contact, and where floating bodies settle from there.
+
+    Args:
+        attempts: those so far.
+    """
+    for start in inner_starts(attempts):
+        yield start, None
+    for start in soft_starts(attempts):
+        for place in settled(attempts, start):
+            yield place, None
+        yield start, FIRM[0]
 
 
 @dataclass(frozen=True)

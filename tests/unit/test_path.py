@@ -409,7 +409,8 @@ def test_starts_follow_each_other_where_attempts_are_short(name: str, monkeypatc
 @pytest.fixture
 def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
     """Starts of a chain whose attempts have failed; each start is the name and the arguments of what found it."""
-    for name in ("resting_start", "first_starts", "soft_starts", "on_softer_springs", "other_starts", "simpler_ends"):
+    names = "resting_start first_starts inner_starts soft_starts on_softer_springs other_starts simpler_ends"
+    for name in names.split():
         monkeypatch.setattr(semismooth, name, lambda *given, name=name: iter([(name, *given)]))
     monkeypatch.setattr(path, "ends", lambda *given: iter([("ends", *given)]))
     monkeypatch.setattr(semismooth, "settled", lambda tried, start: iter([("settled", tried, start)]))
@@ -424,9 +425,9 @@ def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
 
 
 def soft(tried: Any) -> list[Any]:
-    """Soft contact, where bodies settle from there, and a damped attempt."""
+    """An interior point, soft contact, where bodies settle from there, and a damped attempt."""
     start = ("soft_starts", tried)
-    return [(("settled", tried, start), None), (start, FIRM[0])]
+    return [(("inner_starts", tried), None), (("settled", tried, start), None), (start, FIRM[0])]
 
 
 METHOD, PROBLEM = SemismoothNewton(rtol=1e-10, max_it=100, linear=condensed_system.solve), object()
