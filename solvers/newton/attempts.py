@@ -268,7 +268,7 @@ class Attempts(Driver):
             if known:
                 x = self.judged(k, p, w, u)
                 # what other pairs leave the tolerance may hide, and it would be passed on from search to search
-                yield replace(x, enough=False) if problem.guess is not None and k == 0 and start.in_equilibrium else x
+                yield replace(x, enough=False) if problem.guess is not None and k == 0 else x
                 if moved := self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)

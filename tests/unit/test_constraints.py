@@ -618,12 +618,11 @@ def test_what_nothing_pushes_starts_where_it_stood(lifted: SurfaceProblem) -> No
     assert lifted.idle
     surface = lifted.surface
     lift = surface.R @ (surface.R.T @ np.tile([0.0, 0.02], surface.size // 2))
-    problem = replace(lifted, u_before=lift)
+    problem = replace(lifted, u_before=lift, gap=np.full(len(lifted.gap), 0.001))
     least = problem.scales.no_traction
     p = np.zeros(len(problem.gap))
     first = next(iter(first_starts(problem, p)))
-    assert first.u_c is lift
-    assert not first.in_equilibrium
+    assert (first.p is p, first.u_c is lift, first.in_equilibrium) == (True, True, False)
     r = problem.relative_displacement(lift) - problem.gap
     assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
     assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
@@ -631,7 +630,7 @@ def test_what_nothing_pushes_starts_where_it_stood(lifted: SurfaceProblem) -> No
     assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
     touching = replace(problem, offset=problem.offset - r)
     assert not Start.where_it_stood(touching, p).p_hat.any()
-    pushed = replace(problem, load=replace(problem.load, resultant=np.ones(surface.R.shape[1])))
+    pushed = replace(lifted, u_before=lift, load=replace(lifted.load, resultant=np.ones(surface.R.shape[1])))
     assert not pushed.idle
     assert_allclose(next(iter(first_starts(pushed, p))).p_hat, closed(pushed))
 

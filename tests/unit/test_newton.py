@@ -18,10 +18,12 @@ from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.wear import Worn
@@ -768,12 +770,39 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
 
 
-def test_bodies_are_placed_where_tractions_near_to_a_solution_hold_them(floating: SurfaceProblem) -> None:
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 2.5, "m_n": 2.0}])
+def test_bodies_are_placed_where_tractions_near_to_a_solution_hold_them(normal: dict[str, Any]) -> None:
+    problem = problem_of(PULLED, normal)
     newton = SemismoothNewton(rtol=1e-12, max_it=100, linear=condensed_system.solve)
-    found = newton(floating, np.zeros(len(floating.gap)))
-    start = Start.placed(floating, found.p)
+    found = newton(problem, np.zeros(len(problem.gap)))
+    start = Start.placed(problem, found.p)
     assert_allclose(start.u_c, found.u_c, atol=1e-9 * np.abs(found.u_c).max())
-    assert newton(floating, found.p).iterations == 1
+    assert newton(problem, found.p).iterations == 1
+    # by least squares of the lengths by which laws with w are missed, where no place holds them all
+    p = found.p * (1 + 0.01 * np.random.default_rng(0).normal(size=len(found.p)))
+    (held, springs, _), _ = sets(problem, Start.as_if(problem, p, p).p_hat, problem.gamma)
+    assert held.any()
+    assert springs.any() == (normal["law"] == "compliance")
+    missed = (
+        problem.relative_displacement(Start.placed(problem, p).u_c)
+        - problem.gap
+        - np.sqrt(np.maximum(p, 0) / 2.5) * springs
+    )
+    moves = (problem.surface.N @ problem.surface.R)[held | springs]
+    assert_allclose(moves.T @ missed[held | springs], 0.0, atol=1e-12)
+    assert np.abs(missed[held | springs]).max() > 1e-6
+
+
+def test_a_motion_that_no_law_holds_is_placed_where_it_was() -> None:
+    problem = problem_of({"loads": {"press": {"boundary": "block.top", "traction": [0.0, -0.1]}}})
+    (rows,), along = problem.cone.contacts, np.tile([1.0, 0.0], problem.surface.size // 2)
+    cone = replace(problem.cone, contacts=(replace(rows, friction=Coulomb(mu=0.0)),))
+    moved = replace(problem, cone=cone, u_before=0.03 * along)
+    p = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.1, 0.001)  # not quite in balance
+    placed = Start.placed(moved, p)
+    assert placed.p is p
+    assert placed.u_c is not moved.u_before
+    assert along @ placed.u_c == pytest.approx(0.03 * along @ along)
 
 
 def test_a_solution_of_other_pairs_is_begun_from_where_its_bodies_stand(floating: SurfaceProblem) -> None:
@@ -823,6 +852,9 @@ def test_an_attempt_that_goes_to_and_fro_is_given_up_soon() -> None:
     """Dragged cubes stick: from the last tractions plain Newton hops between two states, never quite the same."""
     cubes = Case(3, 4, "condensed-newton", "condensed", 1e-8, "tensor", 2).scene()
     assert max(step.iterations for step in prepare(cubes).steps()) <= 12
+
+
+def test_to_and_fro_is_there_and_back_twice() -> None:
     there, back = (Iterate(0, 0.5, np.array(p)) for p in ((1.0, 2.0), (2.0, 1.0)))
     near = Iterate(0, 0.5, there.p + 0.05)
     assert near.repeats([back, there, back])
@@ -848,6 +880,121 @@ def test_again_is_the_best_iterate(held: SurfaceProblem) -> None:
     best = Solution(p, w, np.ones(held.surface.size), Status.STALLED, 1.0, ())
     start = again(held, best)
     assert_allclose(start.p_hat, p + held.gamma * (w - held.gap))
+    assert_allclose(again(held, replace(best, gap=p)).p_hat, p + held.gamma * (w - p))  # slip counts from its own
     assert start.p is p
     assert start.u_c is best.u_c
     assert start.in_equilibrium
+
+
+def told(monkeypatch: pytest.MonkeyPatch, *residuals: float) -> list[Array]:
+    """Residuals of the iterates from now on, whatever they are; the tractions of those that are judged."""
+    seen, left = list[Array](), iter(residuals)
+
+    def judged(self: Attempts, number: int, p: Array, w: Array, u: Array) -> Iterate:
+        seen.append(p)
+        return Iterate(number, next(left), p, w, u)
+
+    monkeypatch.setattr(Attempts, "judged", judged)
+    return seen
+
+
+def test_from_near_a_solution_plain_newton_ends_where_the_residual_rises(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, random = given(), np.random.default_rng(1)
+    for near, most in ((True, 4), (False, 6)):
+        told(monkeypatch, 0.5, 0.4, 0.4, 0.6, 0.3, 0.0)
+        answers = iter([random.random(len(problem.gap)) for _ in range(6)])
+        attempt = Attempts(problem, Scripted(problem, answers), 0.0, 100)
+        attempt(replace(start_of(problem), near=near))
+        assert len(attempt.history) == most
+
+
+@pytest.mark.parametrize(
+    ("residuals", "begun", "back"),
+    [
+        ((0.5, 0.4, 0.4, 0.6), 0.6, False),  # a little larger: damped from there on
+        ((0.5, 0.4, 0.4, 3.0), 0.4, True),  # as large as all tractions: from the iterate before
+        ((0.5, 0.4, 0.4, 1.0), 1.0, False),
+        ((2.0, 1.0, 1.0, 3.0), 1.0, False),
+    ],
+)
+def test_from_near_a_solution_an_attempt_is_damped_where_the_residual_rises(
+    residuals: tuple[float, ...], begun: float, back: bool, held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begins = list[Array]()
+
+    def watched(self: LineSearch, *step: Array) -> float:
+        begins.append(step[0])
+        return 1.0
+
+    monkeypatch.setattr(LineSearch, "__call__", watched)
+    judged, bodies = told(monkeypatch, *residuals, 0.2, 0.3, 0.0), Bodies(held)
+    Attempts(held, bodies, 0.0, 100)(replace(start_of(held), near=True), 1e-2)
+    assert_allclose([laws.weight for laws in bodies.asked], [0.0, 0.0, 0.0, 1e-2 * begun, 1e-3 * 0.2, 1e-4 * 0.3])
+    assert begins[0] is judged[2 if back else 3]
+    (_, u), (p, _) = bodies.answers[1 if back else 2], (begins[0], 0)
+    expected = linearise(held, p + held.gamma * (held.relative_displacement(u) - held.gap), held.gamma)
+    assert_allclose(bodies.asked[3].rhs, expected.proximal(p, 1e-2 * begun, held.gamma, 0.0).rhs, atol=1e-14)
+
+
+def test_from_near_a_solution_a_damped_attempt_is_held_where_plain_newton_is_not(held: SurfaceProblem) -> None:
+    def held_by_the_term(laws: ActiveSet, u: Array) -> tuple[Array, Array]:
+        if not laws.weight:
+            raise np.linalg.LinAlgError
+        return condensed_system.solve(laws, u)
+
+    for near, proximal, weights in ((True, 1e-2, 1), (False, 1e-2, 0), (True, None, 0)):
+        bodies = Bodies(held, held_by_the_term)
+        attempt = Attempts(held, bodies, 0.0, 1)
+        attempt(replace(start_of(held), near=near, in_equilibrium=False), proximal)
+        assert [laws.weight for laws in bodies.asked] == [0.0] * attempts.RETREATS + [1e-2] * weights
+        assert len(attempt.history) == weights
+
+
+def test_the_proximal_term_fades_with_full_steps_and_comes_back_with_short_ones(
+    held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shares, firm = [1.0, 1.0, 0.05, 0.05, 0.05, 0.1, 0.5, 1.0], [1.0, 0.1, 0.01, 0.1, 1.0, 1.0, 1.0, 1.0]
+    left, bodies = iter(shares), Bodies(held)
+    monkeypatch.setattr(LineSearch, "__call__", lambda self, *step: next(left))
+    told(monkeypatch, *[0.5] * len(shares), 0.0)
+    Attempts(held, bodies, 0.0, 100)(start_of(held), 1e-2)
+    assert_allclose([laws.weight for laws in bodies.asked], 0.5 * 1e-2 * np.array(firm))
+
+
+def test_slip_is_counted_from_where_points_touch_in_the_best_iterate(held: SurfaceProblem) -> None:
+    gaps, asked = [held.gap, held.gap + 1e-3, held.gap + 2e-3], list[tuple[Array, ...]]()
+
+    def touch(p: Array, w: Array, gap: Array) -> Array:
+        asked.append((p, w, gap))
+        return gaps[min(len(asked), 2)]
+
+    bodies = Bodies(held)
+    attempt = Attempts(replace(held, touch=touch), bodies, 1e-12, 100)
+    start = start_of(held)
+    first = attempt.judged(3, start.p, bodies.relative(start.p, start.u_c), start.u_c)
+    assert (first.number, first.gap is held.gap, asked) == (3, True, [])
+    attempt.follows = True
+    attempt(start)
+    assert [gap for _, _, gap in asked[:3]] == [gaps[0], gaps[1], gaps[2]]
+    assert attempt.best.status is Status.CONVERGED
+    assert attempt.best.gap is attempt.problem.gap is gaps[2]
+    exact = CondensedNewton(rtol=1e-13)(replace(held, gap=gaps[2]), np.zeros(len(held.gap)))
+    assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
+    iterates = [(start.p, start.u_c), *bodies.answers]
+    for laws, (p, u), gap in zip(bodies.asked, iterates, [gaps[1], *[gaps[2]] * 9], strict=False):
+        p_hat = p + held.gamma * (held.relative_displacement(u) - gap)
+        assert_allclose(laws.rhs, linearise(replace(held, gap=gap), p_hat, held.gamma).rhs, atol=1e-15)
+    count = len(asked)
+    attempt.judged(9, -attempt.best.p, attempt.best.w, attempt.best.u_c)  # worse than the best
+    assert len(asked) == count
+
+
+def test_a_collapse_that_is_met_is_told_unless_a_solution_is_found(held: SurfaceProblem) -> None:
+    attempt, motion = Attempts(held, Bodies(held), 1e-12, 1), np.ones(held.surface.size)
+    attempt.collapse = Mechanism(motion, 0.25)
+    found = attempt.follow(iter([(start_of(held), None)]))
+    assert (found.status, found.residual, found.lacking, found.u_c is motion) == (Status.GIVES_WAY, np.inf, 0.25, True)
+    assert_array_equal([found.p, found.w], np.zeros((2, len(held.gap))))
+    assert [step.iteration for step in found.history] == [0, 1]
+    attempt.max_it = 100
+    assert attempt.follow(iter([(start_of(held), None)])).status is Status.CONVERGED

@@ -16,7 +16,7 @@ from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
 from stickslip.solvers.interface import scales, schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.iteration import Driver, Iterate, Stall, Status, Step
+from stickslip.solvers.iteration import Driver, Iterate, Solution, Stall, Status, Step
 from stickslip.solvers.methods.method import Setup
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
@@ -445,3 +445,20 @@ def test_runs_share_history_and_the_best_iterate() -> None:
     assert (driver.best.p[0], driver.best.status, driver.best.history) == (0.0, Status.STALLED, ())
     driver.run([Iterate(9, 0.2)])
     assert (driver.best.p[0], driver.best.status) == (0.0, Status.MAX_IT)
+
+
+def test_iterations_that_are_needed_follow_from_the_rate_of_the_last_half() -> None:
+    def needed(*residuals: float, status: Status = Status.MAX_IT) -> float:
+        history = tuple(Step(k, residual, 0) for k, residual in enumerate(residuals))
+        return Solution(nothing, nothing, nothing, status, residuals[-1], history).needs(4.0, 2.0**-8)
+
+    nothing, first = np.zeros(0), (1.0, 2.0, 3.0, 4.0)
+    assert needed(*first, 8.0, 4.0, 2.0, 1.0) == pytest.approx(10)
+    assert np.isnan(needed(*first, 8.0, 4.0, 2.0, 1.0, status=Status.STALLED))
+    assert np.isnan(needed(*first, 8.0, 4.0, 4.0, 1.0))  # it did not fall steadily
+    assert np.isnan(needed(8.0, 4.0, 2.0, 1.0))  # too few
+
+
+def test_a_method_that_reaches_nothing_returns_nothing() -> None:
+    found = Driver(Counters(), 0.0, 9).run([])
+    assert (found.status, found.residual, found.history) == (Status.NO_HOLD, np.inf, ())
