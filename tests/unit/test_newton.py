@@ -25,6 +25,7 @@ from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
 from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
@@ -33,6 +34,7 @@ from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
     HALVINGS,
+    NEAR,
     Attempts,
     LineSearch,
     Start,
@@ -87,20 +89,24 @@ COMBINATIONS = [  # of laws
 ]  # fmt: skip
 
 
-IN_SPACE = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3)]
+ALSO = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3), (("unilateral", "rate and state"), 2)]
 
 
-@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *IN_SPACE])
+@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *ALSO])
 def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    plain = {"worn": "unilateral", "by rate": "coulomb"}  # of what laws become in a step
+    # of what laws become in a step
+    plain = {"worn": "unilateral", "by rate": "coulomb", "rate and state": "coulomb"}
     problem = surface_problem(prepare(pressed(dim, *(plain.get(law, law) for law in laws), solver=TIGHT)))
     (own,) = problem.cone.contacts
     if normal == "worn":
         own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.0, 0.3], len(own.W_n))))
     if friction == "by rate":
         own = replace(own, friction=RateDependent(mu=((0.0, 0.1), (1.0, 0.4))).within(np.zeros(len(own.W_t)), 0.5))
+    if friction == "rate and state":
+        aged = RateAndState(f0=0.4, a=0.05, b=0.02, Dc=1.0, V0=1.0).placed(np.zeros((len(own.W_t), dim)), 1.0, 1.0)
+        own = replace(own, friction=aged.within(aged.memory(len(own.W_t)), 0.5))
     cone, gamma, rows = replace(problem.cone, contacts=(own,)), problem.gamma * 0.8, problem.cone.size
     gap = problem.gap + np.random.default_rng(6).normal(0.0, 0.1, rows)
     problem = replace(problem, gap=gap, cone=cone)
@@ -212,6 +218,7 @@ def test_rows_that_slip_are_known() -> None:
     problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb", solver=TIGHT)))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
+    assert laws.slip.dtype == laws.held.dtype == bool
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
 
@@ -730,7 +737,7 @@ def test_no_step_raises_the_merit() -> None:
     assert t == 0.5 ** (HALVINGS - 1)  # none is small enough: the one of least merit
 
 
-def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
+def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
     p = np.ones(len(held.gap))
     (first,) = first_starts(held, p)
     u_c = held.contact_displacement(p)
@@ -741,6 +748,10 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
     (far,) = first_starts(held, 1e-3 * p)  # they lack far more than there is: the active set alone
     assert_allclose(far.p_hat, 1e-3 * p, rtol=2 * CLOSE)
     assert not far.in_equilibrium
+    for lacking, near in ((0.9 / NEAR, True), (1.1 / NEAR, False)):
+        monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w, lacking=lacking: lacking)
+        (start,) = first_starts(held, p)
+        assert (start.in_equilibrium, start.p is p) == (near, True)
     zero, shut = other_starts(held, p)
     assert_array_equal(zero.p, 0.0)
     assert_allclose(zero.p_hat, held.gamma * (held.relative_displacement(held.load.free) - held.gap))
@@ -768,6 +779,27 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     still_there = replace(floating, load=nothing(floating), force=0.0, gap=0 * floating.gap)
     (still,) = first_starts(still_there, p)
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
+
+
+def test_what_nothing_pushes_starts_where_it_stood(floating: SurfaceProblem) -> None:
+    lifted, surface = replace(floating, load=nothing(floating), force=0.0), floating.surface
+    assert lifted.idle
+    lift = surface.R @ (surface.R.T @ np.tile([0.0, 0.02], surface.size // 2))
+    problem = replace(lifted, u_before=lift, gap=np.full(len(lifted.gap), 0.001))
+    least = problem.scales.no_traction
+    p = np.zeros(len(problem.gap))
+    first = next(iter(first_starts(problem, p)))
+    assert (first.p is p, first.u_c is lift, first.in_equilibrium) == (True, True, False)
+    r = problem.relative_displacement(lift) - problem.gap
+    assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
+    assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
+    squeezed = problem.p_ref * np.ones(len(p))  # then its tractions tell more of what touches, and come first
+    assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
+    touching = replace(problem, offset=problem.offset - r)
+    assert not Start.where_it_stood(touching, p).p_hat.any()
+    pushed = replace(lifted, u_before=lift, load=replace(lifted.load, resultant=np.ones(surface.R.shape[1])))
+    assert not pushed.idle
+    assert_allclose(next(iter(first_starts(pushed, p))).p_hat, closed(pushed))
 
 
 @pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 2.5, "m_n": 2.0}])
