@@ -483,7 +483,8 @@ def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     assert not repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
     assert not repeats((x, y), [])
     assert repeats((1e3 * x, y), [(1e3 * x + 1e-10, y)])  # the change is relative
-    assert not repeats((1e-12 * x, y), [(2e-12 * x, y)])
+    assert not repeats((1e-15 * x, y), [(2e-15 * x, y)])
+    assert not repeats((x, 4 * y), [(x, y), (x, 2 * y), (x, 3 * y)])  # nor do these go to and fro
     assert repeats((0 * x, y), [(0 * x, y)])
     assert repeats((x[:0], y[:0]), [(x[:0], y[:0])])
 
@@ -598,7 +599,8 @@ def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
 def test_a_damped_attempt_arrives_where_bodies_float(floating: SurfaceProblem) -> None:
     """An active set with a single closed point is held near to the iterate."""
     attempt = Attempts(floating, Bodies(floating), 1e-12, 200)
-    attempt(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)
+    attempt.follow(iter([(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)]))
+    assert attempt.bodies.asked[1].weight > 0
     exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
     assert attempt.best.status is Status.CONVERGED
     assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
@@ -772,10 +774,12 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
     assert last.p is p
     assert shut.p is p
-    (first,) = first_starts(floating, 0 * p)
+    (first,) = first_starts(floating, zero := 0 * p)
+    assert first.p is zero
     assert_allclose(first.p_hat, closed(floating))
-    apart = replace(floating, gap=floating.gap + 2 * floating.u_ref)
-    assert not [*first_starts(apart, 0 * p)]
+    apart, down = replace(floating, gap=floating.gap + 2 * floating.u_ref), np.tile([0.0, -1.0], len(first.u_c) // 2)
+    assert not [*first_starts(apart, zero)]
+    assert [*first_starts(replace(apart, u_before=2 * floating.u_ref * down), zero)]
     still_there = replace(floating, load=nothing(floating), force=0.0, gap=0 * floating.gap)
     (still,) = first_starts(still_there, p)
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
@@ -888,10 +892,11 @@ def test_an_attempt_that_goes_to_and_fro_is_given_up_soon() -> None:
 
 def test_to_and_fro_is_there_and_back_twice() -> None:
     there, back = (Iterate(0, 0.5, np.array(p)) for p in ((1.0, 2.0), (2.0, 1.0)))
-    near = Iterate(0, 0.5, there.p + 0.05)
+    near = Iterate(0, 0.5, there.p + 0.095)  # a little less than a tenth of the way
     assert near.repeats([back, there, back])
+    assert near.repeats([Iterate(0, 0.5, 3 * there.p), back, there, back])
     assert not near.repeats([Iterate(0, 0.5, 3 * there.p), there, back])  # once only
-    assert not Iterate(0, 0.5, there.p + 0.2).repeats([back, there, back])
+    assert not Iterate(0, 0.5, there.p + 0.105).repeats([back, there, back])
 
 
 def nothing(problem: SurfaceProblem) -> Any:
@@ -1008,6 +1013,8 @@ def test_slip_is_counted_from_where_points_touch_in_the_best_iterate(held: Surfa
     attempt.follows = True
     attempt(start)
     assert [gap for _, _, gap in asked[:3]] == [gaps[0], gaps[1], gaps[2]]
+    assert (asked[0][0] is start.p, asked[1][0] is bodies.answers[0][0]) == (True, True)
+    assert_array_equal(asked[0][1], bodies.relative(start.p, start.u_c))
     assert attempt.best.status is Status.CONVERGED
     assert attempt.best.gap is attempt.problem.gap is gaps[2]
     exact = CondensedNewton(rtol=1e-13)(replace(held, gap=gaps[2]), np.zeros(len(held.gap)))
@@ -1016,9 +1023,10 @@ def test_slip_is_counted_from_where_points_touch_in_the_best_iterate(held: Surfa
     for laws, (p, u), gap in zip(bodies.asked, iterates, [gaps[1], *[gaps[2]] * 9], strict=False):
         p_hat = p + held.gamma * (held.relative_displacement(u) - gap)
         assert_allclose(laws.rhs, linearise(replace(held, gap=gap), p_hat, held.gamma).rhs, atol=1e-15)
-    count = len(asked)
-    attempt.judged(9, -attempt.best.p, attempt.best.w, attempt.best.u_c)  # worse than the best
-    assert len(asked) == count
+    for p, more in ((attempt.best.p, 1), (-attempt.best.p, 0)):  # as good as the best, and worse
+        count = len(asked)
+        attempt.judged(9, p, attempt.best.w, attempt.best.u_c)
+        assert len(asked) == count + more
 
 
 def test_a_collapse_that_is_met_is_told_unless_a_solution_is_found(held: SurfaceProblem) -> None:
