@@ -440,6 +440,7 @@ def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     best = attempt.best
     assert best.status is Status.CONVERGED
     assert best.residual <= 1e-12
+    assert best.gap is None  # that of the problem
     assert [step.iteration for step in attempt.history] == list(range(len(seen)))
     assert best.residual == attempt.history[-1].residual == min(step.residual for step in seen)
     assert attempt.history[-1].volume_solves == held.volume_solves > 0
@@ -1027,6 +1028,34 @@ def test_slip_is_counted_from_where_points_touch_in_the_best_iterate(held: Surfa
         count = len(asked)
         attempt.judged(9, p, attempt.best.w, attempt.best.u_c)
         assert len(asked) == count + more
+
+
+def test_an_iterate_is_judged_with_the_gap_that_is_told(floating: SurfaceProblem) -> None:
+    moved = replace(floating, gap=floating.gap + 1e-3)
+    exact = CondensedNewton(rtol=1e-13)(moved, np.zeros(len(moved.gap)))
+    attempt, p = Attempts(replace(floating, touch=lambda *at: moved.gap), Bodies(floating), 0.0, 9), 1.5 * exact.p
+    attempt.follows = True
+    x = attempt.judged(0, p, exact.w, exact.u_c)
+    assert (x.residual, x.gap is moved.gap) == (moved.imbalance(p), True)
+    assert moved.natural_residual(p, exact.w) < 1e-9 < x.residual
+
+
+def test_the_proximal_term_has_one_weight_in_laws_and_on_rigid_motions(floating: SurfaceProblem) -> None:
+    asked, laws = list[Any](), linearise(floating, closed(floating), floating.gamma)
+    p, u = closed(floating), np.ones(floating.surface.size)
+
+    class Asked(Bodies):
+        def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
+            asked.append((laws, p, u))
+            return p, u
+
+    attempt = Attempts(floating, Asked(floating), 0.0, 9)
+    for weight in (0.0, 0.3):
+        attempt.solved(laws, p, u, weight)
+        assert (asked[-1][1] is p, asked[-1][2] is u) == (True, True)
+    assert asked[0][0] is laws
+    assert (asked[1][0].weight, asked[1][0].hold) == (0.3, 0.3)
+    assert_allclose(asked[1][0].rhs, laws.proximal(p, 0.3, floating.gamma, 0.3).rhs)
 
 
 def test_a_collapse_that_is_met_is_told_unless_a_solution_is_found(held: SurfaceProblem) -> None:
