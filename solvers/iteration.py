@@ -53,7 +53,7 @@ class Stall:
     """Notices a residual that has stopped falling: for `window` iterations none was below half the smallest.
 
     >>> stall = Stall(window=2)
-    >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.3, 0.3, 0.3))]
+    >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.2, 0.3, 0.3))]
     [False, False, False, False, False, True]
     >>> stall = Stall(window=1, start=0)
     >>> [stall(k, residual) for k, residual in enumerate((0.1, 1.0, 0.4, 0.3, 0.3))]

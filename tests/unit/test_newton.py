@@ -395,6 +395,7 @@ class Bodies:
         return self.answers[-1]
 
     def relative(self, p: Array, u: Array) -> Array:
+        assert len(p) == len(self.problem.gap)
         return self.problem.relative_displacement(u)
 
 
@@ -551,6 +552,9 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     assert best.p is start.p
     assert best.u_c is start.u_c
     assert_allclose(best.w, floating.relative_displacement(start.u_c))
+    attempt.best = better = replace(best, residual=1.0)
+    attempt(replace(start, p_hat=lifted))
+    assert attempt.best is better
 
 
 def test_tractions_that_leave_more_than_rounding_of_a_load_are_refused(floating: SurfaceProblem) -> None:
