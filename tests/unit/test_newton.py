@@ -13,7 +13,7 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.discrete import random_problem
-from shared.problems import FRICTION, NORMAL, pressed, scene_of, surface_problem
+from shared.problems import FRICTION, NORMAL, plane, pressed, scene_of, surface_problem
 from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
@@ -221,6 +221,20 @@ def test_rows_that_slip_are_known() -> None:
     assert laws.slip.dtype == laws.held.dtype == bool
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
+
+
+def test_each_contact_has_rows_of_its_own() -> None:
+    sides = {"base": ("bottom", "foundation"), "side": ("right", "wall")}
+    contacts = {key: {"surface": f"block.{on}", "against": to} for key, (on, to) in sides.items()}
+    wall = {"shape": "plane", "point": [2.0, 0.0], "normal": [-1.0, 0.0]}
+    problem = surface_problem(
+        prepare(
+            scene_of(contacts=contacts, obstacles={"foundation": plane(), "wall": wall}, top={"x": 0.01, "y": -0.1})
+        )
+    )
+    for place in problem.cone.places:
+        laws = linearise(problem, np.where(np.arange(len(problem.gap)) < place.normal.stop, 1.0, -1.0), problem.gamma)
+        assert_array_equal(np.flatnonzero(laws.held), np.arange(place.normal.stop))
 
 
 def test_a_direction_without_multiplier_has_no_law() -> None:
