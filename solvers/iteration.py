@@ -53,7 +53,7 @@ class Stall:
     """Notices a residual that has stopped falling: for `window` iterations none was below half the smallest.
 
     >>> stall = Stall(window=2)
-    >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.3, 0.3, 0.3))]
+    >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.2, 0.3, 0.3))]
     [False, False, False, False, False, True]
     >>> stall = Stall(window=1, start=0)
     >>> [stall(k, residual) for k, residual in enumerate((0.1, 1.0, 0.4, 0.3, 0.3))]
@@ -80,9 +80,9 @@ class Plateau:
 
     A residual that first dips, rises and then falls again, slowly, has not stopped.
 
-    >>> plateau = Plateau(window=2)
-    >>> [plateau(k, residual) for k, residual in enumerate((0.9, 0.1, 0.5, 0.4, 0.3, 0.3, 0.3, 0.3))]
-    [False, False, False, False, False, False, False, True]
+    >>> plateau = Plateau(window=3)
+    >>> [plateau(k, residual) for k, residual in enumerate((0.9, 0.1, 0.5, 0.4, 0.3, 0.3, 0.4, 0.3, 0.3))]
+    [False, False, False, False, False, False, False, False, True]
     """
 
     window: int
@@ -127,7 +127,11 @@ class Correction:
 
     @classmethod
     def none(cls, rows: int) -> Correction:
-        """No correction of that many rows."""
+        """No correction of that many rows.
+
+        >>> Correction.none(2)
+        Correction(p=array([0., 0.]), w=array([0., 0.]), size=0.0, memory={})
+        """
         return cls(np.zeros(rows), np.zeros(rows), 0.0)
 
 

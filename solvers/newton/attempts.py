@@ -274,8 +274,8 @@ class Attempts(Driver):
             if known:
                 x = self.judged(k, p, w, u)
                 # what other pairs leave the tolerance may hide, and it would be passed on from search to search
-                yield replace(x, enough=False) if problem.guess is not None and k == 0 and start.in_equilibrium else x
-                if moved := self.problem is not problem:
+                yield replace(x, enough=False) if problem.guess is not None and k == 0 else x
+                if self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)
                 if start.near and not proximal and x.residual > least:
@@ -284,8 +284,7 @@ class Attempts(Driver):
                     rises, (p, u, w) = True, best
                 else:
                     rises, least, best = rises or x.residual > least, x.residual, (p, u, w)
-                if k > number or moved:
-                    p_hat = p + gamma * (w - self.problem.gap)
+                p_hat = p + gamma * (w - problem.gap)
                 weight = min(1.0, least) * firm * rises
             solved = self._solve(p_hat, held, gamma, (p, u), weight)
             if solved is None and start.near and proximal and not weight:  # it holds what the active set leaves free

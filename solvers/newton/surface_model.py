@@ -22,7 +22,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
 from stickslip.solvers.metrics import Secants, SurfaceMetric
 from stickslip.solvers.newton.active_set import ActiveSet
-from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again
+from stickslip.solvers.newton.attempts import FIRM, Attempts, Start, again, closed
 from stickslip.solvers.newton.condensed_system import saddle_point
 
 
@@ -315,13 +315,12 @@ def _chain(model: SurfaceModel, residual: float, attempts: Attempts) -> Iterator
 
 def _starts(problem: SurfaceProblem, p: Array, w: Array, residual: float) -> Iterator[tuple[Array, float]]:
     """Starts of Newton, trial tractions and a factor of gamma: those of p, all rows closed, balance of rigid bodies."""
-    n = problem.surface.normal_rows
     if np.isfinite(residual):
         for factor in (1.0, 10.0, 0.1):
             yield p + factor * problem.gamma * (w - problem.gap), factor
     elif p.any():
         yield p, 1.0
-    yield np.concatenate([np.full(n, problem.p_ref), np.zeros(len(p) - n)]), 1.0
+    yield closed(problem), 1.0
     if problem.surface.floating:
         rigid = balancing_tractions(problem)
         if rigid is not None:

@@ -1,4 +1,4 @@
-"""A plugin of pytest: of a file those tests run first that call the fewest functions, which they know best."""
+"""A plugin of pytest: those tests run first that call the fewest functions, which they know best."""
 
 from __future__ import annotations
 
@@ -17,4 +17,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         seen = json.loads(SEEN.read_text())
         calls = Counter(test for tests in seen["tests_by_mangled_function_name"].values() for test in tests)
         seconds = seen["duration_by_test"]
-        items.sort(key=lambda item: (item.path, calls[item.nodeid], seconds.get(item.nodeid, 0.0)))
+        fewest = {item.path: calls[item.nodeid] for item in sorted(items, key=lambda item: -calls[item.nodeid])}
+        items.sort(key=lambda item: (fewest[item.path], item.path, calls[item.nodeid], seconds.get(item.nodeid, 0.0)))

@@ -113,7 +113,8 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
         # a traceback would read the file, fifty times as long with all mutants in it: that takes seconds
         "pytest_add_cli_args": ["--tb=no", "-p", "no:cacheprovider", "-p", "closest_first", "-m", "not slow"],
         "pytest_add_cli_args_test_selection": tests,
-        "timeout_multiplier": ["5"],  # of processor time
+        "timeout_multiplier": ["5"],
+        "timeout_constant": ["5"],  # s, five times, for fixtures: mutmut measures tests alone
         "track_dependencies": ["false"],
         "use_git_change_detection": ["false"],
     }

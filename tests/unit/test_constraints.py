@@ -43,7 +43,6 @@ from stickslip.solvers.laws.normal import Compliance
 from stickslip.solvers.method_registry import METHODS
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
-from stickslip.solvers.newton.attempts import Start, closed, first_starts
 from stickslip.solvers.parallel.counters import Counters
 from stickslip.solvers.results.audit import Auditor
 from stickslip.solvers.results.step_result import StepResult
@@ -612,28 +611,6 @@ def test_motions_that_nothing_resists_stay_if_nothing_pushes_along_them(lifted: 
         load = replace(lifted.load, f_c=push, resultant=R.T @ push)
         with pytest.raises(np.linalg.LinAlgError):
             condensed_system.solve(replace(open_everywhere, problem=replace(lifted, load=load)), stood)
-
-
-def test_what_nothing_pushes_starts_where_it_stood(lifted: SurfaceProblem) -> None:
-    assert lifted.idle
-    surface = lifted.surface
-    lift = surface.R @ (surface.R.T @ np.tile([0.0, 0.02], surface.size // 2))
-    problem = replace(lifted, u_before=lift)
-    least = problem.scales.no_traction
-    p = np.zeros(len(problem.gap))
-    first = next(iter(first_starts(problem, p)))
-    assert first.u_c is lift
-    assert not first.in_equilibrium
-    r = problem.relative_displacement(lift) - problem.gap
-    assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
-    assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
-    squeezed = problem.p_ref * np.ones(len(p))  # then its tractions tell more of what touches, and come first
-    assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
-    touching = replace(problem, offset=problem.offset - r)
-    assert not Start.where_it_stood(touching, p).p_hat.any()
-    pushed = replace(problem, load=replace(problem.load, resultant=np.ones(surface.R.shape[1])))
-    assert not pushed.idle
-    assert_allclose(next(iter(first_starts(pushed, p))).p_hat, closed(pushed))
 
 
 ProblemOf = Callable[..., SurfaceProblem]

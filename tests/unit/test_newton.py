@@ -13,16 +13,19 @@ from scipy.linalg import null_space
 
 from shared.cases import every_nth
 from shared.discrete import random_problem
-from shared.problems import FRICTION, NORMAL, pressed, scene_of, surface_problem
+from shared.problems import FRICTION, NORMAL, plane, pressed, scene_of, surface_problem
 from stickslip.geometry.arrays import CLOSE, EXACT, SLIGHT, Array
 from stickslip.solvers.classical.uzawa import Uzawa
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.discrete import DiscreteProblem, discrete_problem
+from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Iterate, Solution, Status, Step
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.laws.normal import Compliance
+from stickslip.solvers.laws.rate_and_state import RateAndState
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton, solve_given
@@ -31,6 +34,7 @@ from stickslip.solvers.newton.active_set import ActiveSet, linearise, sets
 from stickslip.solvers.newton.attempts import (
     ATTEMPT,
     HALVINGS,
+    NEAR,
     Attempts,
     LineSearch,
     Start,
@@ -85,20 +89,24 @@ COMBINATIONS = [  # of laws
 ]  # fmt: skip
 
 
-IN_SPACE = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3)]
+ALSO = [(("unilateral", "by rate"), 3), (("worn", "soft coulomb"), 3), (("unilateral", "rate and state"), 2)]
 
 
-@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *IN_SPACE])
+@pytest.mark.parametrize(("laws", "dim"), [*every_nth(2, COMBINATIONS, [2, 3]), *ALSO])
 def test_linearised_laws_are_the_derivative_of_the_laws(laws: tuple[str, str], dim: int) -> None:
     """One Newton step of p - P_C(p + gamma (w - gap)) = 0, by differences, has the linearised laws' solutions."""
     normal, friction = laws
-    plain = {"worn": "unilateral", "by rate": "coulomb"}  # of what laws become in a step
+    # of what laws become in a step
+    plain = {"worn": "unilateral", "by rate": "coulomb", "rate and state": "coulomb"}
     problem = surface_problem(prepare(pressed(dim, *(plain.get(law, law) for law in laws), solver=TIGHT)))
     (own,) = problem.cone.contacts
     if normal == "worn":
         own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.0, 0.3], len(own.W_n))))
     if friction == "by rate":
         own = replace(own, friction=RateDependent(mu=((0.0, 0.1), (1.0, 0.4))).within(np.zeros(len(own.W_t)), 0.5))
+    if friction == "rate and state":
+        aged = RateAndState(f0=0.4, a=0.05, b=0.02, Dc=1.0, V0=1.0).placed(np.zeros((len(own.W_t), dim)), 1.0, 1.0)
+        own = replace(own, friction=aged.within(aged.memory(len(own.W_t)), 0.5))
     cone, gamma, rows = replace(problem.cone, contacts=(own,)), problem.gamma * 0.8, problem.cone.size
     gap = problem.gap + np.random.default_rng(6).normal(0.0, 0.1, rows)
     problem = replace(problem, gap=gap, cone=cone)
@@ -210,8 +218,23 @@ def test_rows_that_slip_are_known() -> None:
     problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb", solver=TIGHT)))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
     laws, (place,) = linearise(problem, p_hat, problem.gamma), problem.cone.places
+    assert laws.slip.dtype == laws.held.dtype == bool
     assert laws.slip[place.tangential].tolist() == ((states == "slip") & place.rows.free[:, 0]).tolist()
     assert not laws.slip[place.normal].any()
+
+
+def test_each_contact_has_rows_of_its_own() -> None:
+    sides = {"base": ("bottom", "foundation"), "side": ("right", "wall")}
+    contacts = {key: {"surface": f"block.{on}", "against": to} for key, (on, to) in sides.items()}
+    wall = {"shape": "plane", "point": [2.0, 0.0], "normal": [-1.0, 0.0]}
+    problem = surface_problem(
+        prepare(
+            scene_of(contacts=contacts, obstacles={"foundation": plane(), "wall": wall}, top={"x": 0.01, "y": -0.1})
+        )
+    )
+    for place in problem.cone.places:
+        laws = linearise(problem, np.where(np.arange(len(problem.gap)) < place.normal.stop, 1.0, -1.0), problem.gamma)
+        assert_array_equal(np.flatnonzero(laws.held), np.arange(place.normal.stop))
 
 
 def test_a_direction_without_multiplier_has_no_law() -> None:
@@ -386,6 +409,7 @@ class Bodies:
         return self.answers[-1]
 
     def relative(self, p: Array, u: Array) -> Array:
+        assert len(p) == len(self.problem.gap)
         return self.problem.relative_displacement(u)
 
 
@@ -431,6 +455,7 @@ def test_plain_newton_arrives_and_says_so(held: SurfaceProblem) -> None:
     best = attempt.best
     assert best.status is Status.CONVERGED
     assert best.residual <= 1e-12
+    assert best.gap is None  # that of the problem
     assert [step.iteration for step in attempt.history] == list(range(len(seen)))
     assert best.residual == attempt.history[-1].residual == min(step.residual for step in seen)
     assert attempt.history[-1].volume_solves == held.volume_solves > 0
@@ -474,7 +499,8 @@ def test_tractions_that_repeat_with_another_motion_are_no_cycle() -> None:
     assert not repeats((x, y), [(x, y + 1e-6), (x + 1e-6, y)])
     assert not repeats((x, y), [])
     assert repeats((1e3 * x, y), [(1e3 * x + 1e-10, y)])  # the change is relative
-    assert not repeats((1e-12 * x, y), [(2e-12 * x, y)])
+    assert not repeats((1e-15 * x, y), [(2e-15 * x, y)])
+    assert not repeats((x, 4 * y), [(x, y), (x, 2 * y), (x, 3 * y)])  # nor do these go to and fro
     assert repeats((0 * x, y), [(0 * x, y)])
     assert repeats((x[:0], y[:0]), [(x[:0], y[:0])])
 
@@ -540,6 +566,9 @@ def test_trial_tractions_that_hold_no_body_are_halved_towards_those_that_do(floa
     assert best.p is start.p
     assert best.u_c is start.u_c
     assert_allclose(best.w, floating.relative_displacement(start.u_c))
+    attempt.best = better = replace(best, residual=1.0)
+    attempt(replace(start, p_hat=lifted))
+    assert attempt.best is better
 
 
 def test_tractions_that_leave_more_than_rounding_of_a_load_are_refused(floating: SurfaceProblem) -> None:
@@ -589,7 +618,8 @@ def test_a_damped_attempt_arrives_too(proximal: float, seed: int) -> None:
 def test_a_damped_attempt_arrives_where_bodies_float(floating: SurfaceProblem) -> None:
     """An active set with a single closed point is held near to the iterate."""
     attempt = Attempts(floating, Bodies(floating), 1e-12, 200)
-    attempt(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)
+    attempt.follow(iter([(Start.as_if(floating, closed(floating), closed(floating)), 1e-2)]))
+    assert attempt.bodies.asked[1].weight > 0
     exact = CondensedNewton(rtol=1e-13)(floating, np.zeros(len(floating.gap)))
     assert attempt.best.status is Status.CONVERGED
     assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
@@ -728,7 +758,7 @@ def test_no_step_raises_the_merit() -> None:
     assert t == 0.5 ** (HALVINGS - 1)  # none is small enough: the one of least merit
 
 
-def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
+def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
     p = np.ones(len(held.gap))
     (first,) = first_starts(held, p)
     u_c = held.contact_displacement(p)
@@ -739,6 +769,10 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem) -> None:
     (far,) = first_starts(held, 1e-3 * p)  # they lack far more than there is: the active set alone
     assert_allclose(far.p_hat, 1e-3 * p, rtol=2 * CLOSE)
     assert not far.in_equilibrium
+    for lacking, near in ((0.9 / NEAR, True), (1.1 / NEAR, False)):
+        monkeypatch.setattr(SurfaceProblem, "natural_residual", lambda self, p, w, lacking=lacking: lacking)
+        (start,) = first_starts(held, p)
+        assert (start.in_equilibrium, start.p is p) == (near, True)
     zero, shut = other_starts(held, p)
     assert_array_equal(zero.p, 0.0)
     assert_allclose(zero.p_hat, held.gamma * (held.relative_displacement(held.load.free) - held.gap))
@@ -759,21 +793,71 @@ def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
     assert not any(start.in_equilibrium for start in (last, shut, rigid))
     assert last.p is p
     assert shut.p is p
-    (first,) = first_starts(floating, 0 * p)
+    (first,) = first_starts(floating, zero := 0 * p)
+    assert first.p is zero
     assert_allclose(first.p_hat, closed(floating))
-    apart = replace(floating, gap=floating.gap + 2 * floating.u_ref)
-    assert not [*first_starts(apart, 0 * p)]
+    apart, down = replace(floating, gap=floating.gap + 2 * floating.u_ref), np.tile([0.0, -1.0], len(first.u_c) // 2)
+    assert not [*first_starts(apart, zero)]
+    assert [*first_starts(replace(apart, u_before=2 * floating.u_ref * down), zero)]
     still_there = replace(floating, load=nothing(floating), force=0.0, gap=0 * floating.gap)
     (still,) = first_starts(still_there, p)
     assert_array_equal(np.concatenate([still.p, still.u_c]), 0.0)
 
 
-def test_bodies_are_placed_where_tractions_near_to_a_solution_hold_them(floating: SurfaceProblem) -> None:
+def test_what_nothing_pushes_starts_where_it_stood(floating: SurfaceProblem) -> None:
+    lifted, surface = replace(floating, load=nothing(floating), force=0.0), floating.surface
+    assert lifted.idle
+    lift = surface.R @ (surface.R.T @ np.tile([0.0, 0.02], surface.size // 2))
+    problem = replace(lifted, u_before=lift, gap=np.full(len(lifted.gap), 0.001))
+    least = problem.scales.no_traction
+    p = np.zeros(len(problem.gap))
+    first = next(iter(first_starts(problem, p)))
+    assert (first.p is p, first.u_c is lift, first.in_equilibrium) == (True, True, False)
+    r = problem.relative_displacement(lift) - problem.gap
+    assert np.all(np.abs(first.p_hat[: surface.normal_rows]) > least)
+    assert_allclose(first.p_hat, np.where(np.abs(problem.gamma * r) > least, problem.gamma * r, 0.0))
+    squeezed = problem.p_ref * np.ones(len(p))  # then its tractions tell more of what touches, and come first
+    assert next(iter(first_starts(problem, squeezed))).p_hat[0] > 0 > first.p_hat[0]
+    touching = replace(problem, offset=problem.offset - r)
+    assert not Start.where_it_stood(touching, p).p_hat.any()
+    pushed = replace(lifted, u_before=lift, load=replace(lifted.load, resultant=np.ones(surface.R.shape[1])))
+    assert not pushed.idle
+    assert_allclose(next(iter(first_starts(pushed, p))).p_hat, closed(pushed))
+
+
+@pytest.mark.parametrize("normal", [{"law": "unilateral"}, {"law": "compliance", "c_n": 2.5, "m_n": 2.0}])
+def test_bodies_are_placed_where_tractions_near_to_a_solution_hold_them(normal: dict[str, Any]) -> None:
+    problem = problem_of(PULLED, normal)
     newton = SemismoothNewton(rtol=1e-12, max_it=100, linear=condensed_system.solve)
-    found = newton(floating, np.zeros(len(floating.gap)))
-    start = Start.placed(floating, found.p)
+    found = newton(problem, np.zeros(len(problem.gap)))
+    start = Start.placed(problem, found.p)
     assert_allclose(start.u_c, found.u_c, atol=1e-9 * np.abs(found.u_c).max())
-    assert newton(floating, found.p).iterations == 1
+    assert newton(problem, found.p).iterations == 1
+    # by least squares of the lengths by which laws with w are missed, where no place holds them all
+    p = found.p * (1 + 0.01 * np.random.default_rng(0).normal(size=len(found.p)))
+    (held, springs, _), _ = sets(problem, Start.as_if(problem, p, p).p_hat, problem.gamma)
+    assert held.any()
+    assert springs.any() == (normal["law"] == "compliance")
+    missed = (
+        problem.relative_displacement(Start.placed(problem, p).u_c)
+        - problem.gap
+        - np.sqrt(np.maximum(p, 0) / 2.5) * springs
+    )
+    moves = (problem.surface.N @ problem.surface.R)[held | springs]
+    assert_allclose(moves.T @ missed[held | springs], 0.0, atol=1e-12)
+    assert np.abs(missed[held | springs]).max() > 1e-6
+
+
+def test_a_motion_that_no_law_holds_is_placed_where_it_was() -> None:
+    problem = problem_of({"loads": {"press": {"boundary": "block.top", "traction": [0.0, -0.1]}}})
+    (rows,), along = problem.cone.contacts, np.tile([1.0, 0.0], problem.surface.size // 2)
+    cone = replace(problem.cone, contacts=(replace(rows, friction=Coulomb(mu=0.0)),))
+    moved = replace(problem, cone=cone, u_before=0.03 * along)
+    p = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.1, 0.001)  # not quite in balance
+    placed = Start.placed(moved, p)
+    assert placed.p is p
+    assert placed.u_c is not moved.u_before
+    assert along @ placed.u_c == pytest.approx(0.03 * along @ along)
 
 
 def test_a_solution_of_other_pairs_is_begun_from_where_its_bodies_stand(floating: SurfaceProblem) -> None:
@@ -785,6 +869,7 @@ def test_a_solution_of_other_pairs_is_begun_from_where_its_bodies_stand(floating
     moved = replace(floating, guess=found.u_c, gap=floating.gap + 1e-6 * floating.u_ref)
     again = newton(moved, found.p)
     assert (again.status, again.iterations) == (Status.CONVERGED, 1)
+    assert newton(replace(floating, guess=found.u_c), found.p).iterations == 1  # however small the residual is
 
 
 def test_what_holds_closing_points_back_has_one_energy(floating: SurfaceProblem) -> None:
@@ -823,11 +908,15 @@ def test_an_attempt_that_goes_to_and_fro_is_given_up_soon() -> None:
     """Dragged cubes stick: from the last tractions plain Newton hops between two states, never quite the same."""
     cubes = Case(3, 4, "condensed-newton", "condensed", 1e-8, "tensor", 2).scene()
     assert max(step.iterations for step in prepare(cubes).steps()) <= 12
+
+
+def test_to_and_fro_is_there_and_back_twice() -> None:
     there, back = (Iterate(0, 0.5, np.array(p)) for p in ((1.0, 2.0), (2.0, 1.0)))
-    near = Iterate(0, 0.5, there.p + 0.05)
+    near = Iterate(0, 0.5, there.p + 0.095)  # a little less than a tenth of the way
     assert near.repeats([back, there, back])
+    assert near.repeats([Iterate(0, 0.5, 3 * there.p), back, there, back])
     assert not near.repeats([Iterate(0, 0.5, 3 * there.p), there, back])  # once only
-    assert not Iterate(0, 0.5, there.p + 0.2).repeats([back, there, back])
+    assert not Iterate(0, 0.5, there.p + 0.105).repeats([back, there, back])
 
 
 def nothing(problem: SurfaceProblem) -> Any:
@@ -848,6 +937,163 @@ def test_again_is_the_best_iterate(held: SurfaceProblem) -> None:
     best = Solution(p, w, np.ones(held.surface.size), Status.STALLED, 1.0, ())
     start = again(held, best)
     assert_allclose(start.p_hat, p + held.gamma * (w - held.gap))
+    assert_allclose(again(held, replace(best, gap=p)).p_hat, p + held.gamma * (w - p))  # slip counts from its own
     assert start.p is p
     assert start.u_c is best.u_c
     assert start.in_equilibrium
+
+
+def told(monkeypatch: pytest.MonkeyPatch, *residuals: float) -> list[Array]:
+    """Residuals of the iterates from now on, whatever they are; the tractions of those that are judged."""
+    seen, left = list[Array](), iter(residuals)
+
+    def judged(self: Attempts, number: int, p: Array, w: Array, u: Array) -> Iterate:
+        seen.append(p)
+        return Iterate(number, next(left), p, w, u)
+
+    monkeypatch.setattr(Attempts, "judged", judged)
+    return seen
+
+
+def test_from_near_a_solution_plain_newton_ends_where_the_residual_rises(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, random = given(), np.random.default_rng(1)
+    for near, most in ((True, 4), (False, 6)):
+        told(monkeypatch, 0.5, 0.4, 0.4, 0.6, 0.3, 0.0)
+        answers = iter([random.random(len(problem.gap)) for _ in range(6)])
+        attempt = Attempts(problem, Scripted(problem, answers), 0.0, 100)
+        attempt(replace(start_of(problem), near=near))
+        assert len(attempt.history) == most
+
+
+@pytest.mark.parametrize(
+    ("residuals", "begun", "back"),
+    [
+        ((0.5, 0.4, 0.4, 0.6), 0.6, False),  # a little larger: damped from there on
+        ((0.5, 0.4, 0.4, 3.0), 0.4, True),  # as large as all tractions: from the iterate before
+        ((0.5, 0.4, 0.4, 1.0), 1.0, False),
+        ((2.0, 1.0, 1.0, 3.0), 1.0, False),
+    ],
+)
+def test_from_near_a_solution_an_attempt_is_damped_where_the_residual_rises(
+    residuals: tuple[float, ...], begun: float, back: bool, held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begins = list[Array]()
+
+    def watched(self: LineSearch, *step: Array) -> float:
+        begins.append(step[0])
+        return 1.0
+
+    monkeypatch.setattr(LineSearch, "__call__", watched)
+    judged, bodies = told(monkeypatch, *residuals, 0.2, 0.3, 0.0), Bodies(held)
+    Attempts(held, bodies, 0.0, 100)(replace(start_of(held), near=True), 1e-2)
+    assert_allclose([laws.weight for laws in bodies.asked], [0.0, 0.0, 0.0, 1e-2 * begun, 1e-3 * 0.2, 1e-4 * 0.3])
+    assert begins[0] is judged[2 if back else 3]
+    (_, u), (p, _) = bodies.answers[1 if back else 2], (begins[0], 0)
+    expected = linearise(held, p + held.gamma * (held.relative_displacement(u) - held.gap), held.gamma)
+    assert_allclose(bodies.asked[3].rhs, expected.proximal(p, 1e-2 * begun, held.gamma, 0.0).rhs, atol=1e-14)
+
+
+def test_from_near_a_solution_a_damped_attempt_is_held_where_plain_newton_is_not(held: SurfaceProblem) -> None:
+    def held_by_the_term(laws: ActiveSet, u: Array) -> tuple[Array, Array]:
+        tried.append(laws.weight)
+        if tried.count(1e-2) < 2:  # and not at once
+            raise np.linalg.LinAlgError
+        return condensed_system.solve(laws, u)
+
+    for near, proximal, weights in ((True, 1e-2, 2), (False, 1e-2, 0), (True, None, 0)):
+        tried, bodies = list[float](), Bodies(held, held_by_the_term)
+        attempt = Attempts(held, bodies, 0.0, 1)
+        attempt(replace(start_of(held), near=near, in_equilibrium=False), proximal)
+        assert [laws.weight for laws in bodies.asked] == [0.0] * attempts.RETREATS + [1e-2] * weights
+        assert len(attempt.history) == weights // 2
+
+
+def test_the_proximal_term_fades_with_full_steps_and_comes_back_with_short_ones(
+    held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shares, firm = [1.0, 1.0, 0.5, 0.1, 0.05, 0.05, 0.05, 1.0], [1.0, 0.1, 0.01, 0.01, 0.01, 0.1, 1.0, 1.0]
+    left, bodies = iter(shares), Bodies(held)
+    monkeypatch.setattr(LineSearch, "__call__", lambda self, *step: next(left))
+    told(monkeypatch, *[0.5] * len(shares), 0.0)
+    Attempts(held, bodies, 0.0, 100)(start_of(held), 1e-2)
+    assert_allclose([laws.weight for laws in bodies.asked], 0.5 * 1e-2 * np.array(firm))
+
+
+def test_slip_is_counted_from_where_points_touch_in_the_best_iterate(
+    held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gaps, asked = [held.gap, held.gap + 1e-3, held.gap + 2e-3], list[tuple[Array, ...]]()
+
+    def touch(p: Array, w: Array, gap: Array) -> Array:
+        asked.append((p, w, gap))
+        return gaps[min(len(asked), 2)]
+
+    bodies = Bodies(held)
+    attempt = Attempts(replace(held, touch=touch), bodies, 1e-12, 100)
+    start = start_of(held)
+    first = attempt.judged(3, start.p, bodies.relative(start.p, start.u_c), start.u_c)
+    assert (first.number, first.gap is held.gap, asked) == (3, True, [])
+    attempt.follows = True
+    attempt(start)
+    assert [gap for _, _, gap in asked[:3]] == [gaps[0], gaps[1], gaps[2]]
+    assert (asked[0][0] is start.p, asked[1][0] is bodies.answers[0][0]) == (True, True)
+    assert_array_equal(asked[0][1], bodies.relative(start.p, start.u_c))
+    assert attempt.best.status is Status.CONVERGED
+    assert attempt.best.gap is attempt.problem.gap is gaps[2]
+    exact = CondensedNewton(rtol=1e-13)(replace(held, gap=gaps[2]), np.zeros(len(held.gap)))
+    assert_allclose(attempt.best.p, exact.p, atol=1e-10 * np.abs(exact.p).max())
+    iterates = [(start.p, start.u_c), *bodies.answers]
+    for laws, (p, u), gap in zip(bodies.asked, iterates, [gaps[1], *[gaps[2]] * 9], strict=False):
+        p_hat = p + held.gamma * (held.relative_displacement(u) - gap)
+        assert_allclose(laws.rhs, linearise(replace(held, gap=gap), p_hat, held.gamma).rhs, atol=1e-15)
+    for p, more in ((attempt.best.p, 1), (-attempt.best.p, 0)):  # as good as the best, and worse
+        count = len(asked)
+        attempt.judged(9, p, attempt.best.w, attempt.best.u_c)
+        assert len(asked) == count + more
+    searches: list[LineSearch] = []
+    monkeypatch.setattr(LineSearch, "__call__", lambda self, *step: searches.append(self) or 1.0)
+    damped = Attempts(replace(held, touch=lambda *at: gaps[1]), bodies, 1e-12, 2)
+    damped.follows = True
+    damped(start, 1e-2)
+    assert searches
+    assert all(search.problem is damped.problem for search in searches)
+    assert_array_equal(searches[0].gamma, held.gamma)
+
+
+def test_an_iterate_is_judged_with_the_gap_that_is_told(floating: SurfaceProblem) -> None:
+    moved = replace(floating, gap=floating.gap + 1e-3)
+    exact = CondensedNewton(rtol=1e-13)(moved, np.zeros(len(moved.gap)))
+    attempt, p = Attempts(replace(floating, touch=lambda *at: moved.gap), Bodies(floating), 0.0, 9), 1.5 * exact.p
+    attempt.follows = True
+    x = attempt.judged(0, p, exact.w, exact.u_c)
+    assert (x.residual, x.gap is moved.gap) == (moved.imbalance(p), True)
+    assert moved.natural_residual(p, exact.w) < 1e-9 < x.residual
+
+
+def test_the_proximal_term_has_one_weight_in_laws_and_on_rigid_motions(floating: SurfaceProblem) -> None:
+    asked, laws = list[Any](), linearise(floating, closed(floating), floating.gamma)
+    p, u = closed(floating), np.ones(floating.surface.size)
+
+    class Asked(Bodies):
+        def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
+            asked.append((laws, p, u))
+            return p, u
+
+    attempt = Attempts(floating, Asked(floating), 0.0, 9)
+    for weight in (0.0, 0.3):
+        attempt.solved(laws, p, u, weight)
+        assert (asked[-1][1] is p, asked[-1][2] is u) == (True, True)
+    assert asked[0][0] is laws
+    assert (asked[1][0].weight, asked[1][0].hold) == (0.3, 0.3)
+    assert_allclose(asked[1][0].rhs, laws.proximal(p, 0.3, floating.gamma, 0.3).rhs)
+
+
+def test_a_collapse_that_is_met_is_told_unless_a_solution_is_found(held: SurfaceProblem) -> None:
+    attempt, motion = Attempts(held, Bodies(held), 1e-12, 1), np.ones(held.surface.size)
+    attempt.collapse = Mechanism(motion, 0.25)
+    found = attempt.follow(iter([(start_of(held), None)]))
+    assert (found.status, found.residual, found.lacking, found.u_c is motion) == (Status.GIVES_WAY, np.inf, 0.25, True)
+    assert_array_equal([found.p, found.w], np.zeros((2, len(held.gap))))
+    assert [step.iteration for step in found.history] == [0, 1]
+    attempt.max_it = 100
+    assert attempt.follow(iter([(start_of(held), None)])).status is Status.CONVERGED

@@ -16,7 +16,7 @@ from stickslip.solvers.classical.nsgs import NSGS, Sweeps, in_disc
 from stickslip.solvers.interface import scales, schur_complement
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.interface.schur_complement import CondensedSurface
-from stickslip.solvers.iteration import Driver, Iterate, Stall, Status, Step
+from stickslip.solvers.iteration import Driver, Iterate, Solution, Stall, Status, Step
 from stickslip.solvers.methods.method import Setup
 from stickslip.solvers.methods.surface_uzawa import LearningIteration
 from stickslip.solvers.metrics import surface_metric
@@ -432,7 +432,7 @@ def test_a_method_may_say_itself_that_it_is_enough_or_that_a_residual_is_not_kno
     driver = Driver(Counters(), 0.5, 9)
     known = [Iterate(1, 0.1, enough=False), Iterate(2, 0.9, enough=True), Iterate(3, 0.0)]
     assert driver.run([Iterate(0, np.inf, known=False), *known]).history[-1].iteration == 2
-    found = Driver(Counters(), 0.0, 9).run(yielding(1.0, 1.0, 1.0), slow=lambda k, residual: k == 1)
+    found = Driver(Counters(), 0.0, 9).run(yielding(1.0, 1.0, 1.0), slow=lambda k, residual: k == residual)
     assert (found.status, found.iterations) == (Status.SLOW, 1)
 
 
@@ -445,3 +445,35 @@ def test_runs_share_history_and_the_best_iterate() -> None:
     assert (driver.best.p[0], driver.best.status, driver.best.history) == (0.0, Status.STALLED, ())
     driver.run([Iterate(9, 0.2)])
     assert (driver.best.p[0], driver.best.status) == (0.0, Status.MAX_IT)
+    driver.run(replace(x, residual=np.inf, known=False) for x in yielding(1.0, 1.0))
+    assert driver.best.p[0] == 0.0
+    unknown = Driver(Counters(), 0.0, 9)
+    unknown.run(replace(x, residual=np.inf, known=False) for x in yielding(1.0, 1.0))
+    assert unknown.best.p[0] == 1.0
+
+
+def test_iterations_that_are_needed_follow_from_the_rate_of_the_last_half() -> None:
+    def needed(*residuals: float, status: Status = Status.MAX_IT) -> float:
+        history = tuple(Step(k, residual, 0) for k, residual in enumerate(residuals))
+        return Solution(nothing, nothing, nothing, status, residuals[-1], history).needs(4.0, 2.0**-8)
+
+    nothing, first = np.zeros(0), (1.0, 2.0, 3.0, 4.0)
+    assert needed(*first, 8.0, 4.0, 2.0, 1.0) == pytest.approx(10)
+    assert np.isnan(needed(*first, 8.0, 4.0, 2.0, 1.0, status=Status.STALLED))
+    assert np.isnan(needed(*first, 8.0, 4.0, 4.0, 1.0))  # it did not fall steadily
+    assert np.isnan(needed(8.0, 4.0, 2.0, 1.0))  # too few
+
+
+def test_a_method_that_reaches_nothing_returns_nothing() -> None:
+    driver = Driver(Counters(), 0.0, 9)
+    found = driver.run([])
+    assert (found.status, found.residual, found.history, driver.stalled) == (Status.NO_HOLD, np.inf, (), False)
+
+
+def test_what_comes_back_is_the_end_if_it_is_said_so() -> None:
+    p, w, u_c = np.random.default_rng(0).normal(size=(3, 2))
+    for cycles, rows, status in ((False, 4, Status.NO_HOLD), (True, 2, Status.STALLED)):
+        found = Driver(Counters(), 0.0, 9).run([Iterate(k, 1.0, p, w, u_c) for k in range(4)], cycles=cycles)
+        assert (len(found.history), found.status, found.p is p, found.w is w) == (rows, status, True, True)
+        assert found.u_c is u_c
+    assert len(Driver(Counters(), 0.0, 9).run([Iterate(k, 1.0) for k in range(4)]).history) == 4
