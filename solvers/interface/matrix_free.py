@@ -194,7 +194,7 @@ class MatrixFreeSurface(DelassusOperator):
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else 1e-4)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 
-    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+    def with_more(self, load: Load, forces: Vec, balanced: bool) -> Load:
         more = super().with_more(load, forces)
         if balanced:
             return more
