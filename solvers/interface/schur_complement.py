@@ -290,13 +290,7 @@ class CondensedSurface(DelassusOperator):
         return self.displacement(load.f_c - self.forces(p))
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
-        return self.volume.expand(*self.below(load.f_q, p, u_c))
-
-    def below(self, f_q: Vec, p: Array, u_c: Array) -> tuple[Vec, Array]:
-        """Forces over the free dofs [N] and displacement of those of contact [m], see `FactorisedVolume.expand`."""
-        total, own = f_q.duplicate(), len(u_c) - self.driven
-        self.volume.contact.write(total, self.forces(p)[:own])
-        return f_q - total, u_c[:own]
+        return self.volume.expand(load.f_q, u_c[: len(u_c) - self.driven])
 
     def snapshot(self) -> dict[str, Plain]:
         inverted = "flexibility" in self._dense
