@@ -575,9 +575,7 @@ def test_other_contact_pairs_take_over_what_is_known_of_bodies(simulation_named:
 
 
 @pytest.mark.parametrize("name", FORMS)
-def test_a_load_with_more_forces_is_that_of_their_sum(
-    name: str, simulation_named: Callable[[str], Simulation]
-) -> None:
+def test_a_load_with_more_forces_is_that_of_their_sum(name: str, simulation_named: Callable[[str], Simulation]) -> None:
     """But for its displacement without contact; forces that no rigid mode feels leave the resultant as it is."""
     surface, random = condensed(simulation_named(name)), np.random.default_rng(0)
     one, other = surface.volume.K.createVecRight(), surface.volume.K.createVecRight()
