@@ -232,10 +232,9 @@ class CondensedSurface(DelassusOperator):
             free: (c, k) [m] displacements that then have no stiffness.
         """
         left, right = (np.array([np.abs(A[index]).sum(axis=0) for index in self.S.indices]) for A in (H, compliant.T))
-        S = self.S.together(connected_components(left @ right.T)[1]).of_blocks(
-            lambda index, block: block - H[index] @ compliant[:, index] if H[index].any() else block
-        )
-        return self._with(S, np.linalg.qr(np.column_stack([self.R, free]))[0])
+        S = self.S.together(connected_components(left @ right.T)[1])
+        softer = S.of_blocks(lambda index, block: block - H[index] @ compliant[:, index])
+        return self._with(softer, np.linalg.qr(np.column_stack([self.R, free]))[0])
 
     def on_springs(self, stiffness: float) -> CondensedSurface:
         """The same with springs [N/m] that hold the rigid modes: no body floats."""
