@@ -19,7 +19,7 @@ from shared.drawn import GEO, draw, scene_data
 from shared.problems import SceneOf, SimulationOf, SystemOf, condensed_surface, dense, surface_problem, whole
 from stickslip import Counters, MachineError, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
-from stickslip.geometry.protocols import Mat, Sparse
+from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.interface import schur_complement
@@ -226,6 +226,20 @@ def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: S
     for factor in (1e-250, 1e250):  # whose squares are 0 or infinite
         assert_allclose(condense(factor * one), factor * condense(one), rtol=1e-12)
     assert not np.isfinite(condense(np.inf * one)).any()
+
+
+def test_eight_directions_are_kept_and_given_on() -> None:
+    asked = list[Vec]()
+    double = MemoisedMap(lambda vector: asked.append(vector) or 2 * vector.array, 12)
+    units = [PETSc.Vec().createSeq(12) for _ in range(9)]
+    for k, vector in enumerate(units):
+        vector[k] = 1.0
+    for vector in units * 2:
+        assert_allclose(double(vector), 2 * vector.array)
+    assert len(asked) == 9 + 1  # the last one twice
+    other = MemoisedMap(lambda vector: 3 * vector.array, 12, double)
+    assert_allclose([other(vector) for vector in units], [*(2 * np.eye(12)[:8]), 3 * np.eye(12)[8]])
+    assert len(asked) == 10
 
 
 @pytest.mark.parametrize("dim", [2, 3])
