@@ -1,6 +1,7 @@
 """Bodies are factorised and condensed onto their contact dofs, exactly, however they are stored and held."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -659,6 +660,12 @@ def test_bodies_on_springs_and_with_bolts_that_give_way_have_another_stiffness(d
         assert_allclose(factor @ factor.T, expected + tangent + surface.rho * modes @ modes.T, atol=1e-12)
     for one, other in zip(asked(surface), before, strict=True):
         assert_array_equal(one, other)
+
+
+def test_what_is_not_finite_goes_through_a_factor() -> None:
+    """Or LAPACK says that it fails: a step ends by either, not by an error of ours."""
+    with suppress(np.linalg.LinAlgError):
+        assert np.isnan(bodies_of_blocks().factor(np.full((7, 7), np.nan))[0]).any()
 
 
 @pytest.mark.parametrize("rows", [9, 8])
