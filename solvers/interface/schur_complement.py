@@ -155,7 +155,7 @@ class CondensedSurface(DelassusOperator):
     exact = True
 
     def __init__(
-        self, volume: FactorisedVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int = 0
+        self, volume: FactorisedVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int
     ) -> None:
         """See `DelassusOperator`."""
         super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)

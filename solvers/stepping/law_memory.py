@@ -54,7 +54,7 @@ def repeats(memory: Memory) -> float:
 def worn_depth(cone: AdmissibleSet, memory: Memory) -> Array:
     """Worn depth of each row (rows,) [m]."""
     found = np.zeros(cone.size)
-    for place in cone.places if memory else ():
+    for place in cone.places:
         found[place.normal] = memory.get(f"{place.rows.name}{WORN}", 0.0)
     return found
 
@@ -156,7 +156,7 @@ class LawMemory:
         solution, problem = solve(problem, start)
         still = {c.name: np.zeros(len(c.W_t)) for c in self.cone.contacts}
         least = self._moved(still, still)
-        known, gap, omega, off, worst = self.start, None, 1.0, 0.0, self._worn_off(problem, solution)
+        known, gap, omega, worst = self.start, None, 1.0, self._worn_off(problem, solution)
         most, stall = 10.0, Stall(QUICK)  # steps, in units of the change of slip in a turn
         for turn in range(200):  # near the edge of stability turns are slow
             if solution.status is not Status.CONVERGED:
