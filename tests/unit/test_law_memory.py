@@ -28,18 +28,24 @@ K, GROWTH, SPEED = 0.1, 0.05, 2.5  # k = K + GROWTH by slip [m] or pressure [Pa]
 BY = {"k": [[0.0, K], [40.0, K + 40.0 * GROWTH]]}
 
 
+def rate(name: str, slid: Array, p_n: Array) -> Array:
+    """k at t = 1."""
+    return K + GROWTH * {"slip": slid, "pressure": p_n, "time": 0 * slid}[name]
+
+
 @cache
 def posed(name: str) -> tuple[AdmissibleSet, SurfaceProblem]:
     """Laws that remember, at t = 1, and the problem of a step from 0.
 
-    A block in 3D on a floor where friction weakens and wears, k by slip or pressure, under a soft lid with friction
-    that weakens; or one in the plane without friction, which slides out of it, k a number or by slip.
+    A block in 3D on a floor where friction weakens and wears, k by slip, pressure or time, under a soft lid with
+    friction that weakens; or one in the plane without friction, which slides out of it, k a number or by slip.
     """
-    if name in ("slip", "pressure"):
+    if name in ("slip", "pressure", "time"):
+        wear = {"k": f"{K / 2}*(1 + t)"} if name == "time" else BY | {"by": name}
         lid = {"shape": "plane", "point": [0.0, 0.0, 1.0], "normal": [0.0, 0.0, -1.0]}
         soft = {"normal": {"law": "compliance", "c_n": 20.0}, "friction": WEAKENS | {"k_T": 3.0}}
         contacts = {
-            "base": {"surface": "block.bottom", "against": "floor", "friction": WEAKENS, "wear": BY | {"by": name}},
+            "base": {"surface": "block.bottom", "against": "floor", "friction": WEAKENS, "wear": wear},
             "lid": {"surface": "block.top", "against": "lid"} | soft,
         }
         held = {
@@ -75,6 +81,7 @@ def drawn(problem: SurfaceProblem, seed: int) -> tuple[Array, Array]:
 KEYS = {
     "slip": {"base": 4, "lid": 4, f"base{WORN}": 4, f"base{SLID}": 4},
     "pressure": {"base": 4, "lid": 4, f"base{WORN}": 4, f"base{SLID}": 4, f"base{PRESSED}": 4},
+    "time": {"base": 4, "lid": 4, f"base{WORN}": 4, f"base{SLID}": 4},
     "aside": {f"base{WORN}": 2},
     "aside by slip": {f"base{WORN}": 2, f"base{SLID}": 2},
 }
@@ -91,7 +98,7 @@ def test_a_step_stands_for_one_cycle_or_those_that_are_remembered() -> None:
     assert (repeats({}), repeats({REPEAT: np.array(3.0)})) == (1.0, 3.0)
 
 
-@pytest.mark.parametrize("name", ["slip", "pressure"])
+@pytest.mark.parametrize("name", ["slip", "pressure", "time"])
 @pytest.mark.parametrize("others", [(), (REPEAT,)])
 def test_points_remember_the_length_of_their_slip_and_what_it_wears(name: str, others: tuple[str, ...]) -> None:
     """Points that do not touch do not slip, but what wears slides on; redundant directions do not count."""
@@ -109,8 +116,8 @@ def test_points_remember_the_length_of_their_slip_and_what_it_wears(name: str, o
     assert_allclose(found["lid"], start["lid"] + ways[1])
     way = (3.0 if others else 1.0) * (average.T @ (base.rows.W_t * ways[0])) / (average.T @ base.rows.W_t)
     assert_allclose(found[f"base{SLID}"], start[f"base{SLID}"] + way)
-    rate = K + GROWTH * (start[f"base{SLID}"] + way if name == "slip" else p_n)
-    assert_allclose(found[f"base{WORN}"], start[f"base{WORN}"] + rate * way * p_n)
+    k = rate(name, start[f"base{SLID}"] + way, p_n)
+    assert_allclose(found[f"base{WORN}"], start[f"base{WORN}"] + k * way * p_n)
     assert set(found) == set(start)
     if name == "pressure":
         assert_array_equal(found[f"base{PRESSED}"], p_n)
@@ -126,18 +133,18 @@ def test_what_slides_out_of_the_plane_wears_by_that_way(name: str, others: tuple
     found = LawMemory(cone, start, 0.5).after(problem, p, w)
     far = 0.5 * SPEED * (3.0 if others else 1.0)
     slid = start.get(f"base{SLID}", 0.0) + far
-    rate = K if name == "aside" else K + GROWTH * slid
-    assert_allclose(found[f"base{WORN}"], start[f"base{WORN}"] + rate * far * p[:2])
+    k = K if name == "aside" else K + GROWTH * slid
+    assert_allclose(found[f"base{WORN}"], start[f"base{WORN}"] + k * far * p[:2])
     if name != "aside":
         assert_allclose(found[f"base{SLID}"], slid)
     within = with_memory(cone, start | ({} if name == "aside" else {f"base{SLID}": slid + 1.0}), 0.5, start)
     (rows,), (own,) = within.contacts, cone.contacts
     assert_allclose(rows.gap, own.gap + start[f"base{WORN}"])
-    far, rate = (far, K) if name == "aside" else (far + 1.0, K + GROWTH * (slid + 1.0))
-    assert_allclose(rows.normal.softness, rate * far)
+    far, k = (far, K) if name == "aside" else (far + 1.0, K + GROWTH * (slid + 1.0))
+    assert_allclose(rows.normal.softness, k * far)
 
 
-@pytest.mark.parametrize("name", ["slip", "pressure"])
+@pytest.mark.parametrize("name", ["slip", "pressure", "time"])
 def test_laws_with_a_memory_are_coulombs_with_its_mu_and_gaps_wider_by_the_depth(name: str) -> None:
     """In a step what wears off in it is a softness: k times the way, by the slip or the pressure of the turn."""
     cone, _ = posed(name)
@@ -156,8 +163,8 @@ def test_laws_with_a_memory_are_coulombs_with_its_mu_and_gaps_wider_by_the_depth
             assert_allclose(rows.gap, own.gap + (worn[f"base{WORN}"] if rows.name == "base" else 0.0))
     assert ended.contacts[0].normal is cone.contacts[0].normal
     assert not first.contacts[0].normal.softness.any()
-    at = memory[f"base{SLID if name == 'slip' else PRESSED}"]
-    assert_allclose(turned.contacts[0].normal.softness, (K + GROWTH * at) * [0.1, 0.2, 0.3, 0.0])
+    k = rate(name, memory[f"base{SLID}"], memory.get(f"base{PRESSED}", np.zeros(4)))
+    assert_allclose(turned.contacts[0].normal.softness, k * [0.1, 0.2, 0.3, 0.0])
     assert all(found.contacts[1].normal is cone.contacts[1].normal for found in (first, turned))
     without = with_memory(cone, {"lid": memory["lid"]})
     assert without.contacts[0] is cone.contacts[0]
@@ -187,7 +194,7 @@ def test_two_memories_are_apart_by_their_bounds_and_worn_depths_beside_the_tract
 
 
 def slipping(slip: Callable[[float], float], ends: Callable[[int], Status] = lambda turn: Status.CONVERGED) -> Any:
-    """A method whose points slip by what a mu of the floor leaves them; the mu, and the pressures, that it was asked."""
+    """A method whose points slip by what a mu of the floor leaves them; the mu and pressures that it was asked."""
     asked, begun = list[float](), list[float]()
 
     def solve(problem: SurfaceProblem, p: Array) -> tuple[Solution, SurfaceProblem]:
@@ -237,7 +244,7 @@ def test_weakening_is_that_of_whole_turns() -> None:
     assert len(asked) > 3
 
 
-@pytest.mark.parametrize("name", ["slip", "pressure"])
+@pytest.mark.parametrize("name", ["slip", "pressure", "time"])
 def test_what_wears_by_the_way_of_a_step_is_found_by_turns(name: str) -> None:
     """Slip is 0.05 whatever mu is; the softness is that of its way, and weakening what wear takes alone."""
     cone, problem = posed(name)
@@ -248,9 +255,9 @@ def test_what_wears_by_the_way_of_a_step_is_found_by_turns(name: str) -> None:
     found, turned = memory.around(solve)(problem, np.zeros(len(problem.gap)))
     after = memory.after(turned, found.p, found.w)
     way = after[f"base{SLID}"] - start[f"base{SLID}"]
-    rate = K + GROWTH * (after[f"base{SLID}"] if name == "slip" else found.p[:4])
     assert way.min() > 0.05
-    assert_allclose(turned.cone.contacts[0].normal.softness, rate * way, rtol=1e-9)
+    k = rate(name, after[f"base{SLID}"], found.p[:4])
+    assert_allclose(turned.cone.contacts[0].normal.softness, k * way, rtol=1e-9)
     assert_allclose(turned.cone.contacts[0].friction.mu, MU_S - FALL * after["base"])  # type: ignore[union-attr]
     assert found.weakening == memory._worn_off(problem, first)
 
@@ -276,6 +283,11 @@ def test_turns_end_where_the_method_does_and_after_200() -> None:
     found, last = memory.around(solve)(problem, np.zeros(len(problem.gap)))
     assert (found.status, len(asked)) == (Status.UNSTEADY, 201)
     assert last.cone.contacts[0].friction.mu[1] == asked[-1]  # type: ignore[union-attr]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(LawMemory, "_apart", lambda *_: 1.0)
+        found, _ = memory.around(slipping(lambda mu: MU_S + 0.05 - mu)[0])(problem, np.zeros(len(problem.gap)))
+    assert found.status is Status.UNSTEADY
+    assert found.weakening == pytest.approx(FALL)
 
 
 def test_turns_about_a_steep_change_of_slip_come_to_it_in_shorter_steps() -> None:
@@ -310,15 +322,16 @@ def test_laws_that_need_no_turns_are_solved_once() -> None:
         assert dragged.around(lambda problem, p: problem)(1, 2) == 1
 
 
-def test_what_slip_wears_off_takes_friction_by_mu_k_p_and_the_flexibilities() -> None:
-    cone, problem = posed("slip")
+@pytest.mark.parametrize("name", ["slip", "pressure", "time"])
+def test_what_slip_wears_off_takes_friction_by_mu_k_p_and_the_flexibilities(name: str) -> None:
+    cone, problem = posed(name)
     start, (p, w) = some(cone, 1), drawn(problem, 2)
     memory = LawMemory(cone, start, 1.0)
     problem = replace(problem, cone=with_memory(cone, start, 1.0))
     without = Solution(p=p, w=w, u_c=np.zeros(0), status=Status.CONVERGED, residual=0.0, history=())
     place, f = problem.cone.places[0], problem.give
     assert f is not None
-    lost = (K + GROWTH * start[f"base{SLID}"]) * p[place.normal] / f[place.normal]
+    lost = rate(name, start[f"base{SLID}"], p[place.normal]) * p[place.normal] / f[place.normal]
     fall = place.rows.friction.mu * (place.average @ lost) * f[place.tangential][::2]  # type: ignore[union-attr]
     assert memory._worn_off(problem, without) == pytest.approx(fall.max())
     assert LawMemory(cone, {"base": start["base"]}, 1.0)._worn_off(problem, without) == 0.0
