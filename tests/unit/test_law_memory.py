@@ -18,7 +18,7 @@ from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.rate_dependent import RateDependent
 from stickslip.solvers.laws.wear import PRESSED, REPEAT, SLID, WORN
 from stickslip.solvers.newton import path
-from stickslip.solvers.stepping.law_memory import LawMemory, no_memory, repeats, with_memory, worn_depth
+from stickslip.solvers.stepping.law_memory import LawMemory, Memory, no_memory, repeats, with_memory, worn_depth
 from stickslip.workflows.lab.verification.prepared import prepare
 
 MU_S, MU_K, LENGTH = 0.4, 0.2, 0.5
@@ -103,6 +103,7 @@ def test_a_step_stands_for_one_cycle_or_those_that_are_remembered() -> None:
 def test_points_remember_the_length_of_their_slip_and_what_it_wears(name: str, others: tuple[str, ...]) -> None:
     """Points that do not touch do not slip, but what wears slides on; redundant directions do not count."""
     cone, problem = posed(name)
+    problem = replace(problem, gap=np.random.default_rng(3).normal(size=len(problem.gap)))
     start, (p, w), (base, lid) = some(cone, 1, *others), drawn(problem, 2), problem.cone.places
     found = LawMemory(cone, start, 1.0).after(problem, p, w)
     ways = []
@@ -177,20 +178,26 @@ def test_laws_with_a_memory_are_coulombs_with_its_mu_and_gaps_wider_by_the_depth
 def test_two_memories_are_apart_by_their_bounds_and_worn_depths_beside_the_tractions() -> None:
     cone, problem = posed("slip")
     start, (p, _) = some(cone, 1), drawn(problem, 2)
-    memory = LawMemory(cone, start, 1.0)
-    problem = replace(problem, cone=with_memory(cone, start, 1.0))
-    n = problem.cone.places[0].normal
-    for key, size in (("base", 0.03), ("lid", 0.02), (f"base{SLID}", 0.05)):
-        more = start | {key: start[key] + size * np.array([0.1, -1.0 if key in ("base", "lid") else 1.0, 0.2, 0.3])}
-        if key == f"base{SLID}":
-            way = more[key] - start[key]
-            off = np.abs(problem.gamma[n] * (K + GROWTH * more[key]) * way * p[n])
-        else:
-            place = problem.cone.places[key == "lid"]
-            off = np.abs(FALL * (more[key] - start[key]) * (place.average @ p[place.normal]))
-        assert memory._apart(problem, p, more) == pytest.approx(off.max() / p.max(), rel=1e-9)
-    assert memory._apart(problem, p, start) == 0.0
-    assert memory._apart(problem, 0 * p, more) == 0.0
+    memory, (base, lid) = LawMemory(cone, start, 1.0), problem.cone.places
+
+    def with_(own: Memory) -> SurfaceProblem:
+        return replace(problem, cone=with_memory(cone, own, 1.0, start))
+
+    for place in (base, lid):
+        more = start | {place.rows.name: start[place.rows.name] + [0.003, -0.03, 0.006, 0.009]}
+        off = np.abs(FALL * (more[place.rows.name] - start[place.rows.name]) * (place.average @ p[place.normal]))
+        for one, other in ((start, more), (more, start)):
+            assert memory._apart(with_(one), p, other) == pytest.approx(off.max() / p.max(), rel=1e-9)
+    ways = np.array([[0.1, 0.2, 0.3, 0.1], [0.2, 0.1, 0.1, 0.2]])
+    slid = start[f"base{SLID}"] + ways
+    soft = (K + GROWTH * slid) * ways
+    off = np.abs(problem.gamma[base.normal] * (soft[0] - soft[1]) * p[base.normal])
+    one, other = (start | {f"base{SLID}": each} for each in slid)
+    assert memory._apart(with_(one), p, other) == pytest.approx(off.max() / p.max(), rel=1e-9)
+    assert memory._apart(with_(one), p, one) == memory._apart(with_(one), 0 * p, other) == 0.0
+    smooth, problem = posed("aside")
+    cycles = {REPEAT: np.array(3.0)}
+    assert LawMemory(smooth, cycles, 1.0)._apart(replace(problem, cone=smooth), np.ones(2), cycles) == 0.0
 
 
 def slipping(slip: Callable[[float], float], ends: Callable[[int], Status] = lambda turn: Status.CONVERGED) -> Any:
@@ -310,16 +317,13 @@ def test_laws_that_need_no_turns_are_solved_once() -> None:
         ("pressure", {f"base{PRESSED}": np.zeros(4)}, True),
     ):
         cone, _ = posed(name)
-        solve: Any = lambda problem, p: None  # noqa: E731
-        memory, asked = LawMemory(cone, start, 1.0), list[Any]()
-        found = memory.around(solve)
+        around: Any = LawMemory(cone, start, 1.0).around
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(LawMemory, "_by_turns", lambda *given, to=asked: to.append(given))
-            assert found(cast("Any", 1), np.zeros(1)) is None
-        assert len(asked) == turns
+            patch.setattr(LawMemory, "_by_turns", lambda self, problem, p, *how: (problem, p, "by turns"))
+            assert around(lambda problem, p: (problem, p, "once"))(1, 2) == (1, 2, "by turns" if turns else "once")
         drags = replace(cone.contacts[0], friction=RateDependent(mu="0.3 + V"))
         dragged = LawMemory(replace(cone, contacts=(drags, *cone.contacts[1:])), {"base": np.zeros(4)}, 1.0)
-        assert dragged.around(lambda problem, p: problem)(1, 2) == 1
+        assert cast("Any", dragged.around(lambda problem, p: (problem, p)))(1, 2) == (1, 2)
 
 
 @pytest.mark.parametrize("name", ["slip", "pressure", "time"])
