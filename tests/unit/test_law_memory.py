@@ -38,7 +38,8 @@ def posed(name: str) -> tuple[AdmissibleSet, SurfaceProblem]:
     """Laws that remember, at t = 1, and the problem of a step from 0.
 
     A block in 3D on a floor where friction weakens and wears, k by slip, pressure or time, under a soft lid with
-    friction that weakens; or one in the plane without friction, which slides out of it, k a number or by slip.
+    friction that weakens; or one in the plane, which slides out of it, k a number or by slip, without friction or with
+    friction that turns; or one whose friction remembers nothing, on a floor that wears.
     """
     if name in ("slip", "pressure", "time"):
         wear = {"k": f"{K / 2}*(1 + t)"} if name == "time" else BY | {"by": name}
@@ -54,8 +55,10 @@ def posed(name: str) -> tuple[AdmissibleSet, SurfaceProblem]:
         }
         tables, dim = {"obstacles": {"floor": plane(3), "lid": lid}, "contacts": contacts, "supports": held}, 3
     else:
-        wear = {"k": K} if name == "aside" else BY | {"by": "slip"}
-        base = {"surface": "block.bottom", "against": "foundation", "wear": wear, "slide": [[0.0, 0.0], [2.0, 5.0]]}
+        wear = BY | {"by": "slip"} if name == "aside by slip" else {"k": K}
+        base = {"surface": "block.bottom", "against": "foundation", "wear": wear}
+        base |= {} if name == "plain" else {"slide": [[0.0, 0.0], [2.0, 5.0]]}
+        base |= {"friction": {"law": "coulomb", "mu": 0.3}} if name in ("turned", "plain") else {}
         top, dim = {"boundary": "block.left", "displacement": {"x": 0.0, "y": -0.1}}, 2
         tables = {"contacts": {"base": base}, "supports": {"left": top}}
     steps = {"end": 2.0, "count": 2, "seconds": True}
@@ -84,6 +87,8 @@ KEYS = {
     "time": {"base": 4, "lid": 4, f"base{WORN}": 4, f"base{SLID}": 4},
     "aside": {f"base{WORN}": 2},
     "aside by slip": {f"base{WORN}": 2, f"base{SLID}": 2},
+    "turned": {"base": 2, f"base{WORN}": 2, f"base{SLID}": 2},
+    "plain": {f"base{WORN}": 2, f"base{SLID}": 2},
 }
 
 
@@ -143,6 +148,29 @@ def test_what_slides_out_of_the_plane_wears_by_that_way(name: str, others: tuple
     assert_allclose(rows.gap, own.gap + start[f"base{WORN}"])
     far, k = (far, K) if name == "aside" else (far + 1.0, K + GROWTH * (slid + 1.0))
     assert_allclose(rows.normal.softness, k * far)
+
+
+def test_friction_that_turns_is_of_the_way_in_the_step_and_remembers_its_share() -> None:
+    cone, problem = posed("turned")
+    start, (p, w) = some(cone, 1), drawn(problem, 2)
+    ended, within = with_memory(cone, start).contacts[0].friction, with_memory(cone, start, 0.5).contacts[0].friction
+    assert_array_equal(cast("Any", ended).share, start["base"])
+    assert_allclose(cast("Any", within).aside, 0.5 * SPEED)
+    slips, touches = np.abs(w - problem.gap)[2:], problem.cone.places[0].average @ p[:2] > 0
+    found = LawMemory(cone, start, 0.5).after(problem, p, w)["base"]
+    assert_allclose(found, touches * slips / np.hypot(slips, 0.5 * SPEED))
+
+
+def test_friction_that_remembers_nothing_wears() -> None:
+    cone, problem = posed("plain")
+    start, (p, w) = some(cone, 1), drawn(problem, 2)
+    found = LawMemory(cone, start, 0.5).after(problem, p, w)
+    assert set(found) == set(start)
+    (place,) = problem.cone.places
+    average, slips = place.average.toarray(), np.abs(w - problem.gap)[2:]
+    way = (average.T @ (place.rows.W_t * slips)) / (average.T @ place.rows.W_t)
+    assert_allclose(found[f"base{WORN}"], start[f"base{WORN}"] + K * way * p[:2])
+    assert with_memory(cone, start, 0.5).contacts[0].friction is cone.contacts[0].friction
 
 
 @pytest.mark.parametrize("name", ["slip", "pressure", "time"])
