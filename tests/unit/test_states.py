@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.laws.wear import REPEAT, WORN
 from stickslip.solvers.stepping.law_memory import LawMemory
 from stickslip.solvers.stepping.state import State
-from stickslip.solvers.stepping.update import Surplus, at_rest, displacement, flat_rows, new_state
+from stickslip.solvers.stepping.update import Surplus, at_rest, displacement, flat_rows, new_state, split
 from stickslip.solvers.system.system import System
 from stickslip.workflows.lab.verification.prepared import prepare
 
@@ -136,6 +137,21 @@ def test_at_rest_nothing_has_moved_or_presses() -> None:
     assert (energy.external, energy.stored, energy.contact, energy.compliance) == (0.0, 0.0, 0.0, 0.0)
     assert_array_equal(energy.dissipation, np.zeros(2))
     assert (state.time, state.rows, state.searched) == (0.0, system.contacts, {})
+
+
+def test_at_rest_there_are_the_tractions_and_forces_that_are_initial() -> None:
+    """On the floor 0.2 Pa, and 0.05 Pa along it; the load is what balances them."""
+    initial = {"pressure": 0.2, "traction": 0.05}
+    base = {"friction": {"law": "coulomb", "mu": MU}, "initial": initial}
+    stepper = prepare(scene_of(2, {"mesh_size": 0.5}, base=base, top={"x": 0.0, "y": 0.0})).stepper
+    system, (contact,) = stepper.system, stepper.system.contacts
+    state = at_rest(system, stepper.cone)
+    assert_allclose(state.p[: len(contact.W_n)], 0.2)
+    assert_allclose(np.abs(state.p[len(contact.W_n) :]), 0.05)
+    assert_allclose(np.abs(state.forces["base"].sum(axis=0)), [0.05 * 2.0, 0.2 * 2.0])
+    pushed = system.interface.displacement(state.load)[0]  # at the nodes
+    assert_allclose(pushed, state.forces["base"])
+    assert state.load is not system.prestress
 
 
 def test_forces_balance_up_to_the_residual_and_rows_move_as_nodes_do() -> None:
@@ -268,6 +284,14 @@ def test_a_rigid_motion_that_is_prescribed_strains_nothing(rigid: bool) -> None:
     u, strained = displacement(system, 1.0, q, u_s)
     assert_allclose(u.array, (system.T * q + u_s).array)
     assert_allclose(strained.array, (system.T * q if rigid else u).array)
+
+
+def test_tractions_are_split_by_contact_and_component() -> None:
+    places = [SimpleNamespace(normal=slice(0, 2), tangential=slice(3, 7), components=2)]
+    places += [SimpleNamespace(normal=slice(2, 3), tangential=slice(7, 9), components=2)]
+    pressures, tangential = split(cast("Any", SimpleNamespace(places=places)), np.arange(9.0))
+    assert [p.tolist() for p in pressures] == [[0.0, 1.0], [2.0]]
+    assert [t.tolist() for t in tangential] == [[[3.0, 4.0], [5.0, 6.0]], [[7.0, 8.0]]]
 
 
 def test_without_contact_there_are_no_rows() -> None:
