@@ -195,7 +195,7 @@ class MatrixFreeSurface(DelassusOperator):
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 
     def with_more(self, load: Load, forces: Vec, balanced: bool) -> Load:
-        more = super().with_more(load, forces)
+        more = super().with_more(load, forces, balanced)
         if balanced:
             return more
         felt = np.concatenate([self.volume.floating.resultant(forces.array_r), np.zeros(self.driven)])
