@@ -115,7 +115,7 @@ class DelassusOperator(ABC):
     def under(self, load: Load, p: Array, error: float = 0.0) -> Array:
         """Displacement u_c (c,) [m] under a load and tractions p (rows,) [Pa]; one volume solve; collective."""
 
-    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+    def with_more(self, load: Load, forces: Vec, balanced: bool) -> Load:
         """A load with more forces over the free dofs [N]; its `free`, which sets scales, stays; collective.
 
         Args:

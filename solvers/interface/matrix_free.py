@@ -194,8 +194,8 @@ class MatrixFreeSurface(DelassusOperator):
         free = self._solved(f_q, deformation, resultant, error, EXACT if error else 1e-4)
         return Load(f_q=f_q, driving=driving, f_c=self.R @ resultant, resultant=resultant, free=free)
 
-    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
-        more = super().with_more(load, forces)
+    def with_more(self, load: Load, forces: Vec, balanced: bool) -> Load:
+        more = super().with_more(load, forces, balanced)
         if balanced:
             return more
         felt = np.concatenate([self.volume.floating.resultant(forces.array_r), np.zeros(self.driven)])

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 from scipy import sparse
 from scipy.linalg import cho_factor, cho_solve
 from scipy.linalg.lapack import dpotri
+from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from stickslip.geometry.arrays import HALF_DIGITS, LAST_DIGITS, Array, Bools, Ints
@@ -154,7 +155,7 @@ class CondensedSurface(DelassusOperator):
     exact = True
 
     def __init__(
-        self, volume: FactorisedVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int = 0
+        self, volume: FactorisedVolume, *, N: Sparse, W: Array, R: Array, normal_rows: int, driven: int
     ) -> None:
         """See `DelassusOperator`."""
         super().__init__(N=N, W=W, R=R, normal_rows=normal_rows, driven=driven, counters=volume.counters)
@@ -173,7 +174,7 @@ class CondensedSurface(DelassusOperator):
         """Cholesky factors of the blocks of S + rho R R^T, which is positive definite."""
         if "held" not in self._dense:
             self._dense["held"] = tuple(
-                _cholesky(block + self.rho * self.R[index] @ self.R[index].T if self.floating else block)
+                _cholesky(block + self.rho * self.R[index] @ self.R[index].T)
                 for index, block in zip(self.S.indices, self.S.blocks, strict=True)
             )
         factors: tuple[CholeskyFactor, ...] = self._dense["held"]
@@ -220,8 +221,7 @@ class CondensedSurface(DelassusOperator):
 
     def factor(self, tangent: Array) -> CholeskyFactor:
         """Cholesky factor of S + tangent + rho R R^T, for a stiffness `tangent` (c, c) [N/m]."""
-        total = np.asarray(self.S)
-        return _cholesky((total + self.rho * self.R @ self.R.T if self.floating else total) + tangent)
+        return _cholesky(np.asarray(self.S) + self.rho * self.R @ self.R.T + tangent)
 
     def softened(self, H: Array, compliant: Array, free: Array) -> CondensedSurface:
         """The same with S - H M^-1 H^T in place of S: b dofs of the bodies are eliminated that no contact touches.
@@ -231,20 +231,20 @@ class CondensedSurface(DelassusOperator):
             compliant: (b, c) M^-1 H^T.
             free: (c, k) [m] displacements that then have no stiffness.
         """
-        other = copy(self)
-        other.S = self.S.of_blocks(
-            lambda index, block: block - H[index] @ compliant[:, index] if H[index].any() else block
-        )
-        other.R = np.linalg.qr(np.column_stack([self.R, free]))[0]
-        other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, NO_ROWS
-        other.__dict__.pop("give", None)
-        return other
+        left, right = (np.array([np.abs(A[index]).sum(axis=0) for index in self.S.indices]) for A in (H, compliant.T))
+        S = self.S.together(connected_components(left @ right.T)[1])
+        softer = S.of_blocks(lambda index, block: block - H[index] @ compliant[:, index])
+        return self._with(softer, np.linalg.qr(np.column_stack([self.R, free]))[0])
 
     def on_springs(self, stiffness: float) -> CondensedSurface:
         """The same with springs [N/m] that hold the rigid modes: no body floats."""
+        held = self.S.of_blocks(lambda index, block: block + stiffness * self.R[index] @ self.R[index].T)
+        return self._with(held, self.R[:, :0])
+
+    def _with(self, S: BlockDiagonal, R: Array) -> CondensedSurface:
+        """Bodies of the same rows with another Schur complement (c, c) [N/m], and rigid modes."""
         other = copy(self)
-        other.S = self.S.of_blocks(lambda index, block: block + stiffness * self.R[index] @ self.R[index].T)
-        other.R = self.R[:, :0]
+        other.S, other.R = S, R
         other._dense, other._row_stiffness, other._lambda_max, other._delassus = {}, {}, None, NO_ROWS
         other.__dict__.pop("give", None)
         return other
@@ -260,7 +260,7 @@ class CondensedSurface(DelassusOperator):
         f_c = np.concatenate([self._condensed(f_q), driving])
         return Load(f_q=f_q, driving=driving, f_c=f_c, resultant=self.R.T @ f_c, free=self.displacement(f_c))
 
-    def with_more(self, load: Load, forces: Vec, balanced: bool = True) -> Load:
+    def with_more(self, load: Load, forces: Vec, balanced: bool) -> Load:
         return self.with_condensed(load, forces, self.volume.condense(forces), balanced)
 
     def with_condensed(self, load: Load, forces: Vec, condensed: Array, balanced: bool = False) -> Load:
@@ -289,13 +289,7 @@ class CondensedSurface(DelassusOperator):
         return self.displacement(load.f_c - self.forces(p))
 
     def recover(self, load: Load, p: Array, u_c: Array) -> Vec:
-        return self.volume.expand(*self.below(load.f_q, p, u_c))
-
-    def below(self, f_q: Vec, p: Array, u_c: Array) -> tuple[Vec, Array]:
-        """Forces over the free dofs [N] and displacement of those of contact [m], see `FactorisedVolume.expand`."""
-        total, own = f_q.duplicate(), len(u_c) - self.driven
-        self.volume.contact.write(total, self.forces(p)[:own])
-        return f_q - total, u_c[:own]
+        return self.volume.expand(load.f_q, u_c[: len(u_c) - self.driven])
 
     def snapshot(self) -> dict[str, Plain]:
         inverted = "flexibility" in self._dense

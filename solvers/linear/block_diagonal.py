@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import DTypeLike
 from scipy import sparse
+from scipy.linalg import block_diag
 
 from stickslip.geometry.arrays import Array, Ints
 from stickslip.geometry.protocols import Sparse
@@ -63,6 +64,16 @@ class BlockDiagonal:
     def of_blocks(self, change: Callable[[Ints, Array], Array]) -> BlockDiagonal:
         """The matrix whose blocks a function makes of the indices and blocks of this one."""
         return BlockDiagonal(self.indices, tuple(change(*each) for each in zip(self.indices, self.blocks, strict=True)))
+
+    def together(self, group: Ints) -> BlockDiagonal:
+        """The same matrix with blocks of the same group, of 0, 1, ... (blocks,), as one."""
+        made = []
+        for k in np.unique(group):
+            own = np.flatnonzero(group == k)
+            index = np.concatenate([self.indices[i] for i in own])
+            order = np.argsort(index)
+            made.append((index[order], block_diag(*(self.blocks[i] for i in own))[np.ix_(order, order)]))
+        return BlockDiagonal(tuple(index for index, _ in made), tuple(block for _, block in made))
 
     def extended(self, more: int) -> BlockDiagonal:
         """With `more` rows and columns of zeros at the end, each a block."""

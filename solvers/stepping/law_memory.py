@@ -38,10 +38,11 @@ Exact = Callable[[SurfaceProblem, Solution], tuple[Solution, float]]  # from a n
 def no_memory(cone: AdmissibleSet) -> dict[str, Array]:
     """Memory of laws at t = 0."""
     found = {c.name: c.first_memory() for c in cone.contacts if c.friction is not None and c.friction.remembers}
-    for c in (c for c in cone.contacts if c.wears):
-        wear = c.fields.wear if c.fields else None
-        asks = {what: wear is not None and wear.asks_for(what) for what in ("slip", "pressure")}
-        keys = {WORN: True, SLID: c.friction is not None or asks["slip"], PRESSED: asks["pressure"]}
+    for c in cone.contacts:
+        if c.fields is None or c.fields.wear is None:
+            continue
+        asks_for = c.fields.wear.asks_for
+        keys = {WORN: True, SLID: c.friction is not None or asks_for("slip"), PRESSED: asks_for("pressure")}
         found |= {f"{c.name}{key}": np.zeros(len(c.W_n)) for key, kept in keys.items() if kept}
     return found
 
@@ -54,7 +55,7 @@ def repeats(memory: Memory) -> float:
 def worn_depth(cone: AdmissibleSet, memory: Memory) -> Array:
     """Worn depth of each row (rows,) [m]."""
     found = np.zeros(cone.size)
-    for place in cone.places if memory else ():
+    for place in cone.places:
         found[place.normal] = memory.get(f"{place.rows.name}{WORN}", 0.0)
     return found
 
@@ -116,7 +117,7 @@ class LawMemory:
             ways[rows.name] = length
             if (key := f"{rows.name}{WORN}") in self.start:
                 way, pressed = self.start.get(f"{rows.name}{SLID}"), self.start.get(f"{rows.name}{PRESSED}")
-                path = repeats(self.start) * rows.path(None if way is None else length, self.cone.time, self.step)
+                path = repeats(self.start) * rows.path(length, self.cone.time, self.step)
                 if pressed is not None:
                     pressed = worn[f"{rows.name}{PRESSED}"] = np.maximum(p[place.normal], 0.0)
                 rate = rows.wear_rate(self.cone.time, pressed, None if way is None else way + path)

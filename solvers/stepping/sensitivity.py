@@ -110,7 +110,7 @@ class Near:
 
     def below(self) -> tuple[Vec, Array]:
         """Forces and motion of the contact dofs, from which the free displacements follow."""
-        return self.posed.surface.below(self.problem.load.f_q, self.p, self.u_c)
+        return self.problem.load.f_q, self.u_c[: len(self.u_c) - self.posed.surface.driven]
 
     def half_way(self, other: Near) -> tuple[Vec, Array]:
         """Half of their way to those of another one."""
@@ -409,7 +409,7 @@ class _Solution:
         if closing:
             holding = own.way.holding(self.p)
             u_c = own.surface.flexibility @ own.surface.forces(holding)
-            moved += volume.expanded([own.surface.below(self.q * 0.0, -holding, u_c)])
+            moved += volume.expanded([(self.q * 0.0, u_c[: len(u_c) - own.surface.driven])])
         stiffness = {k: [each.solver.system.assembled().product for each in others[k : k + 2]] for k in changed}
         lacking = [(below * q - above * q) * 0.5 for below, above in stiffness.values() for q in moved]
         condensed = volume.condensed(lacking)

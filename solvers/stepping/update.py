@@ -200,7 +200,7 @@ def new_state(
     external, contact, dissipated = external + again, contact + again, repeat * dissipated
     lasting = LawMemory(replace(cone, contacts=contacts).at(time), old.memory, time - old.time)
     memory = lasting.after(problem, p, w) if memory is None else memory
-    for k, place in enumerate(lasting.cone.places if memory else ()):
+    for k, place in enumerate(lasting.cone.places):
         (p_n, law), name = (p[place.normal], place.rows.friction), place.rows.name
         if (worn := f"{name}{WORN}") in memory:  # what the pressure does to what wears away is lost
             dissipated[k] += W[place.normal] * p_n @ (memory[worn] - old.memory[worn])

@@ -147,7 +147,8 @@ def _check_order(module: str, tests: Sequence[str]) -> None:
 
 def _with_plugins() -> dict[str, str]:
     paths = [str(PLUGINS), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+    # CHOLMOD asks OpenMP for several threads, which are not there after a fork: it waits, and would seem to notice
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OMP_THREAD_LIMIT": "1"}
 
 
 def _results(folder: Path, code: int) -> tuple[Mapping[str, int], tuple[Mutant, ...]]:

@@ -255,6 +255,41 @@ def test_the_tension_is_found_with_the_step(
     assert [tension for tension, *_ in at_once[:2]] == pytest.approx([1.5, 3.0], rel=1e-12)
 
 
+LEGS = """SetFactory("OpenCASCADE");
+Rectangle(1) = {0, 0, 0, 0.2, 1}; Rectangle(2) = {0.6, 0, 0, 0.4, 2};
+Physical Surface("legs") = {1, 2};
+Physical Curve("legs.bottom") = {1, 5};
+Physical Curve("legs.top") = {3, 7};
+"""
+
+
+def test_legs_that_are_lengthened_as_one_share_a_force_by_their_stiffness(tmp_path: Path) -> None:
+    """Both legs press c_n deep by as much as they are longer, less what they give: p (1 / c_n + L / E) = longer."""
+    (tmp_path / "legs.geo").write_text(LEGS)
+    c_n, force = 500.0, 3.0
+    simulation = prepare(
+        from_dict(
+            {
+                "model": "plane strain",
+                "geometry": {"file": str(tmp_path / "legs.geo"), "mesh_size": 0.5},
+                "bodies": {"legs": {"E": E, "nu": 0.0}},
+                "obstacles": {"floor": {"shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}},
+                "contacts": {
+                    "feet": {"surface": "legs.bottom", "against": "floor", "normal": {"law": "compliance", "c_n": c_n}}
+                },
+                "supports": {"top": {"boundary": "legs.top", "displacement": {"x": 0.0, "y": 0.0}}},
+                "bolts": {"b": {"body": "legs", "shank": [[0.0, 0.3], [0.0, 0.7]], "force": [[1.0, -force]]}},
+            }
+        )
+    )
+    (step,) = simulation.steps()
+    gives = np.array([1 / c_n + 1 / E, 1 / c_n + 2 / E])
+    longer = force / (np.array([0.2, 0.4]) / gives).sum()
+    assert_allclose(step.bolts["b"], (-force, -longer), rtol=1e-8)
+    assert_allclose(np.unique(step.contacts["feet"].pressure.round(9)), np.sort(longer / gives), rtol=1e-8)
+    assert max(audit(simulation, step).values()) < 1e-8
+
+
 @pytest.mark.parametrize(("model", "order"), every_nth(2, AREA, [2, 1]))
 def test_a_drawn_bolt_pulls_as_hooke_says(model: str, order: int) -> None:
     """Of a column of length 2 between walls: E A shortening / 2, uniform, wherever the planes cut cells."""

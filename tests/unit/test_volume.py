@@ -1,8 +1,10 @@
 """Bodies are factorised and condensed onto their contact dofs, exactly, however they are stored and held."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,7 @@ from shared.drawn import GEO, draw, scene_data
 from shared.problems import SceneOf, SimulationOf, SystemOf, condensed_surface, dense, surface_problem, whole
 from stickslip import Counters, MachineError, Scene, SceneError, Simulation
 from stickslip.geometry.arrays import Array, inverse_and_determinant, inverses
-from stickslip.geometry.protocols import Mat, Sparse
+from stickslip.geometry.protocols import Mat, Sparse, Vec
 from stickslip.solvers.fem.mean_dilatation import MeanDilatation
 from stickslip.solvers.fem.rigid_fields import rigid_fields
 from stickslip.solvers.interface import schur_complement
@@ -227,6 +229,20 @@ def test_loads_in_the_span_of_earlier_ones_are_condensed_for_nothing(scene_of: S
     assert not np.isfinite(condense(np.inf * one)).any()
 
 
+def test_eight_directions_are_kept_and_given_on() -> None:
+    asked = list[Vec]()
+    double = MemoisedMap(lambda vector: asked.append(vector) or 2 * vector.array, 12)
+    units = [PETSc.Vec().createSeq(12) for _ in range(9)]
+    for k, vector in enumerate(units):
+        vector[k] = 1.0
+    for vector in units * 2:
+        assert_allclose(double(vector), 2 * vector.array)
+    assert len(asked) == 9 + 1  # the last one twice
+    other = MemoisedMap(lambda vector: 3 * vector.array, 12, double)
+    assert_allclose([other(vector) for vector in units], [*(2 * np.eye(12)[:8]), 3 * np.eye(12)[8]])
+    assert len(asked) == 10
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_supports_that_move_a_body_as_a_whole_leave_no_load(dim: int, scene_of: SceneOf, system_of: SystemOf) -> None:
     system = system_of(replace(scene_in(dim, scene_of), loads={}))
@@ -259,6 +275,9 @@ def test_products_are_those_of_the_dense_matrix() -> None:
     assert_allclose(np.asarray(more), np.pad(dense, ((0, 2), (0, 2))))
     assert len(more) == 8
     assert_allclose(np.asarray(matrix.of_blocks(lambda index, block: 2 * block)), 2 * dense)
+    joined = matrix.together(np.array([1, 0, 1]))
+    assert [index.tolist() for index in joined.indices] == [[1], [0, 2, 3, 4, 5]]
+    assert_array_equal(np.asarray(joined), dense)
 
 
 @pytest.mark.parametrize(
@@ -568,6 +587,99 @@ def test_other_contact_pairs_take_over_what_is_known_of_bodies(simulation_named:
     assert other._condensed is one._condensed
     # the factor is there, too: the first answer comes from the inverse, to the last bit
     assert_array_equal(other.displacement(forces[0]), one.flexibility @ forces[0])
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_load_with_more_forces_is_that_of_their_sum(name: str, simulation_named: Callable[[str], Simulation]) -> None:
+    """But for its displacement without contact; forces that no rigid mode feels leave the resultant as it is."""
+    surface, random = condensed(simulation_named(name)), np.random.default_rng(0)
+    one, other = surface.volume.K.createVecRight(), surface.volume.K.createVecRight()
+    one.array[:], other.array[:] = random.normal(size=(2, one.getLocalSize()))
+    load = surface.load(one, random.normal(size=surface.driven))
+    expected, condensed_too = surface.load(one + other, load.driving), surface.volume.condense(other)
+    for found in (surface.with_more(load, other, balanced=False), surface.with_condensed(load, other, condensed_too)):
+        assert_array_equal(found.f_q.array, (one + other).array)
+        assert_allclose(found.f_c, expected.f_c, atol=1e-11)
+        assert_allclose(found.resultant, expected.resultant, atol=1e-11)
+        assert found.free is load.free
+    assert surface.with_more(load, other, balanced=True).resultant is load.resultant
+
+
+def bodies_of_blocks() -> CondensedSurface:
+    """A held body, one that floats, and a driven obstacle, of any stiffness; their dofs are not next to each other."""
+    random = np.random.default_rng(4)
+    held, floating = (A @ A.T for A in random.normal(size=(2, 3, 3)))
+    R = np.zeros((7, 2))
+    R[[1, 4, 5], 0], R[6, 1] = [0.6, 0.0, 0.8], 1.0
+    strains = np.eye(3) - np.outer(R[[1, 4, 5], 0], R[[1, 4, 5], 0])
+    S = BlockDiagonal((np.array([0, 2, 3]), np.array([1, 4, 5])), (held, strains @ floating @ strains))
+    N = sparse.csr_matrix(np.vstack([np.eye(7) + 0.2 * random.normal(size=(7, 7)), random.normal(size=(2, 7))]))
+    volume: Any = SimpleNamespace(S=S, counters=Counters(), condense=None)
+    return CondensedSurface(volume, N=N, W=random.uniform(1.0, 2.0, 9), R=R, normal_rows=4, driven=1)
+
+
+def asked(surface: CondensedSurface) -> list[Array]:
+    """All that is computed once and kept: flexibility, Delassus matrix, its diagonal and norm, stiffness by rows."""
+    first, N = np.arange(9) < 7, surface.N.toarray()[:7]
+    bodies = surface.row_stiffness(first)
+    assert bodies is not None
+    S = N.T @ bodies.H @ N
+    return [np.asarray(surface.flexibility), surface.delassus, surface.give, np.array(surface.lambda_max), S]
+
+
+def by_definition(surface: CondensedSurface, S: Array, R: Array) -> list[Array]:
+    """The same by matrices of all dofs."""
+    N, W = surface.N.toarray(), surface.W
+    flexibility = np.linalg.inv(S + surface.rho * R @ R.T)
+    D = N @ flexibility @ N.T * W
+    return [flexibility, D, np.diag(D), np.linalg.eigvals(D).real.max(), S]
+
+
+@pytest.mark.parametrize(("dofs", "blocks"), [([0, 2, 3], 3), ([0, 1, 3], 2)])
+def test_bodies_on_springs_and_with_bolts_that_give_way_have_another_stiffness(dofs: list[int], blocks: int) -> None:
+    """A bolt, in the held body or through both, gives way to v without force: H = S v, M = v^T S v."""
+    surface = bodies_of_blocks()
+    S, R, v = np.asarray(surface.S), surface.R, np.zeros((7, 1))
+    v[dofs, 0] = [0.5, -0.3, 0.4]
+    v -= R @ R.T @ v
+    H = S @ v
+    compliant, size = H.T / (v.T @ H), np.linalg.norm(v)
+    before = asked(surface)
+    softened = surface.softened(H, compliant, v)
+    assert len(softened.S.blocks) == blocks
+    for found, expected, modes in (
+        (surface, S, R),
+        (bodies_of_blocks().on_springs(0.7), S + 0.7 * R @ R.T, R[:, :0]),  # of which nothing was asked
+        (softened, S - H @ compliant, np.column_stack([R, v / size])),
+    ):
+        assert_allclose(found.R @ found.R.T, modes @ modes.T, atol=1e-14)
+        for one, other in zip(asked(found), by_definition(found, expected, modes), strict=True):
+            assert_allclose(one, other, rtol=1e-3 if one.ndim == 0 else 0, atol=1e-11 * np.abs(other).max())
+        tangent = np.diag(np.arange(7.0))
+        factor = np.tril(found.factor(tangent)[0])
+        assert_allclose(factor @ factor.T, expected + tangent + surface.rho * modes @ modes.T, atol=1e-12)
+    for one, other in zip(asked(surface), before, strict=True):
+        assert_array_equal(one, other)
+
+
+def test_what_is_not_finite_goes_through_a_factor() -> None:
+    """Or LAPACK says that it fails: a step ends by either, not by an error of ours."""
+    with suppress(np.linalg.LinAlgError):
+        assert np.isnan(bodies_of_blocks().factor(np.full((7, 7), np.nan))[0]).any()
+
+
+@pytest.mark.parametrize("rows", [9, 8])
+def test_other_contact_pairs_take_over_products_of_rows_that_are_the_same(rows: int) -> None:
+    surface, N = bodies_of_blocks(), bodies_of_blocks().N.toarray()[:rows]
+    N[[1, 5]] *= 2.0
+    other = CondensedSurface(
+        surface.volume, N=sparse.csr_matrix(N), W=surface.W[:rows], R=surface.R, normal_rows=4, driven=1
+    )
+    surface.coupling(np.eye(9)[[1, 3]], np.eye(9)[:, [5, 7]])
+    other.adopt(surface)
+    assert_array_equal(other._delassus[0], [3, 7] if rows == 9 else [])
+    assert_allclose(other.delassus, N @ np.asarray(surface.flexibility) @ N.T * other.W, atol=1e-11)
+    assert_array_equal(np.sort(other._delassus[0]), np.arange(rows))  # each of them once
 
 
 def test_the_complement_by_rows_is_of_those_rows(simulation_named: Callable[[str], Simulation]) -> None:
