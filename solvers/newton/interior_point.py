@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, SLIGHT, TINY, Array, Bools
+from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, ROUNDING, SLIGHT, TINY, Array, Bools
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
@@ -63,16 +63,16 @@ class Rounded(FrictionLaw):
 
     def dragged(self, p: Array, average: Sparse, trial: Trial) -> Dragged:
         s, _, slope = self.cone.dragged(self.place, p, trial)
+        s = np.minimum(s, (trial.size.max(initial=0.0) or 1.0) / ROUNDING)  # that of points that never slip is infinite
         e = 2 * self.tau * trial.gamma
         whole, low, high = 1 + trial.gamma * self.softness, np.zeros_like(s), np.minimum(trial.size, s)
         for _ in range(60):  # halvings leave the last digit
             t = (low + high) / 2
-            far = whole * t + e * t / np.maximum(s**2 - t**2, TINY) > trial.size
+            far = (whole * t - trial.size) * (s**2 - t**2) + e * t > 0
             low, high = np.where(far, low, t), np.where(far, t, high)
-        left = np.maximum(s**2 - low**2, TINY)
-        by_trial = 1 / (whole + e * (s**2 + low**2) / left**2)
-        by_bound = np.minimum(2 * e * low * s / left**2 * by_trial, 1.0)
-        return Dragged(low, by_trial, slope.multiply(by_bound[:, None]).tocsr())
+        left = s**2 - low**2
+        slopes = np.maximum(whole * left**2 + e * (s**2 + low**2), TINY)
+        return Dragged(low, left**2 / slopes, slope.multiply((2 * e * low * s / slopes)[:, None]).tocsr())
 
 
 @dataclass(frozen=True)
@@ -91,32 +91,32 @@ class Point:
 
 
 def inner_starts(attempts: Attempts) -> Iterator[Start]:
-    """Where the way leads; none where the flexibility of the rows is not known, or nothing pushes or moves."""
-    give = attempts.problem.give
-    if give is None or attempts.problem.p_ref == 0:
+    """Where the way leads; none where nothing is known of the bodies, nothing pushes, or all contacts hold."""
+    problem, number = attempts.problem, attempts.history[-1].iteration if attempts.history else 0
+    presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in problem.cone.contacts])
+    if problem.give is None or problem.p_ref == 0 or not presses.any():
         return
-    number = attempts.history[-1].iteration if attempts.history else 0
-    found = attempts.run(inner(attempts, give, number), Stall(QUICK, number))
+    found = attempts.run(inner(attempts, problem.give, presses, number), Stall(QUICK, number))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
 
 
-def inner(attempts: Attempts, give: Array, number: int) -> Iterator[Iterate]:
+def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Iterator[Iterate]:
     """Iterates of the way, projected, up to a slight residual.
 
     Args:
         attempts: those so far, at a problem of the bodies.
         give: see `SurfaceProblem.give`.
+        presses: (normal rows,) whether a point only presses.
         number: of the iteration before.
     """
     n = attempts.problem.surface.normal_rows
-    presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in attempts.problem.cone.contacts])
     try:
         x, fall = first(attempts.problem, attempts.bodies, give, presses), 0.5
         for k in range(number + 1, number + ATTEMPT):
             problem, gamma = attempts.problem, attempts.problem.gamma
-            tau = fall * float((x.p[:n] * x.y)[presses].mean()) if presses.any() else 0.0
+            tau = fall * float((x.p[:n] * x.y)[presses].mean())
             posed, trial = on_the_way(problem, x, tau)
             p, u = attempts.bodies.solve(linearise(posed, trial, gamma), x.p, x.u)
             w = attempts.bodies.relative(p, u)
@@ -169,7 +169,7 @@ def on_the_way(problem: SurfaceProblem, x: Point, tau: float) -> tuple[SurfacePr
             trial[n] = p * (1 + problem.gamma[n] * softness)
             rows = replace(rows, normal=Pressed(softness=softness))
         if friction is not None:
-            trial[t] += HALF_DIGITS * np.repeat(cone.bound(place, p), place.components)  # rest has no direction
+            trial[t] += HALF_DIGITS * problem.p_ref  # rest has no direction
             rows = replace(rows, friction=Rounded(cone=cone, place=place, tau=tau, k_T=friction.k_T))
         contacts.append(rows)
     return replace(problem, gap=gap, cone=AdmissibleSet(tuple(contacts), cone.time, cone.end)), trial

@@ -1,0 +1,146 @@
+"""The interior point: steps keep to the equations of its way, which leads to the solution."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from shared.cases import every_nth
+from shared.problems import pressed, scene_of, surface_problem
+from stickslip.geometry.arrays import SLIGHT, Array
+from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.iteration import Status
+from stickslip.solvers.laws.law import Trial
+from stickslip.solvers.laws.wear import Worn
+from stickslip.solvers.methods.condensed_newton import CondensedNewton
+from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton.active_set import linearise
+from stickslip.solvers.newton.attempts import Attempts
+from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way
+from stickslip.workflows.lab.verification.prepared import prepare
+
+TIGHT = {"tolerance": 1e-11}
+LAWS = [
+    ("unilateral", "coulomb"), ("unilateral", "tresca"), ("unilateral", "stick"), ("bilateral", "coulomb"),
+    ("linear", "coulomb"), ("power", "tresca"), ("power", "penetration"), ("unilateral", "soft coulomb"),
+    ("worn", "coulomb"), ("worn power", "soft coulomb"),
+]  # fmt: skip
+PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
+
+
+class Bodies:
+    """Exact bodies."""
+
+    def __init__(self, problem: SurfaceProblem) -> None:
+        self.problem = problem
+
+    def solve(self, laws: Any, p: Array, u: Array) -> tuple[Array, Array]:
+        return condensed_system.solve(laws, u)
+
+    def relative(self, p: Array, u: Array) -> Array:
+        return self.problem.relative_displacement(u)
+
+
+def problem_of(dim: int, normal: str, friction: str | None) -> SurfaceProblem:
+    worn, law = normal.startswith("worn"), normal.split()[-1].replace("worn", "unilateral")
+    problem = surface_problem(prepare(pressed(dim, law, friction, solver=TIGHT)))
+    (own,) = problem.cone.contacts
+    if worn:
+        own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.1, 0.3], len(own.W_n))))
+    return replace(problem, cone=replace(problem.cone, contacts=(own,)))
+
+
+@pytest.mark.parametrize(("laws", "dim"), every_nth(2, LAWS, [2, 3]))
+def test_a_point_of_the_way_stays_and_its_tangent_is_that_of_the_way(laws: tuple[str, str], dim: int) -> None:
+    """Tractions and gaps that satisfy the equations satisfy the linear ones, and so do small changes along the way."""
+    problem, tau, random = problem_of(dim, *laws), 1e-3, np.random.default_rng(3)
+    (place,), rows, n = problem.cone.places, problem.cone.size, problem.surface.normal_rows
+    free, friction = place.rows.free, place.rows.friction
+    p = random.uniform(0.1, 0.4, rows)
+    direction = random.normal(size=free.shape) * free
+    share = random.uniform(0.2, 0.8, len(free))[:, None] / np.linalg.norm(direction, axis=1, keepdims=True)
+    both = place.rows.normal.sides == 2
+
+    def point(p_n: Array, part: float) -> tuple[Array, Array, Array]:
+        """p, w and y by pressures, and by the part of the friction bound."""
+        p = np.concatenate([p_n, np.zeros(rows - n)])
+        s = np.minimum(problem.cone.bound(place, p_n), 1.0)[:, None]
+        t = part * share * s * direction
+        stuck = np.isinf(problem.cone.bound(place, p_n))[:, None]
+        slip = np.where(stuck, 0.0, 2 * tau * t / (s**2 - np.sum(t**2, axis=1, keepdims=True)))
+        p[n:] = t.ravel()
+        w, y = problem.gap + problem.cone.give(p), tau / p_n
+        w[n:] += slip.ravel()
+        w[:n] -= 0 if both else y
+        return p, w, y
+
+    p, w, y = point(p[:n], 1.0)
+    posed, trial = on_the_way(problem, Point(p, w, np.zeros(0), y), tau)
+    system = linearise(posed, trial, problem.gamma)
+
+    def defect(p: Array, w: Array) -> Array:
+        return np.asarray(system.A_p @ p + system.A_w @ w - system.rhs)
+
+    assert_allclose(defect(p, w), 0.0, atol=1e-6)
+    h = 1e-5
+    ahead, behind = (point(p[:n] + s * h * random.uniform(0.5, 1.0), 1.0 + s * h)[:2] for s in (1.0, -1.0))
+    change = (defect(*ahead) - defect(*behind)) / (2 * h)
+    assert_allclose(change, 0.0, atol=1e-4 * np.abs(problem.gamma).max())
+    assert friction is not None
+
+
+@pytest.mark.parametrize("soft", [None, 5.0])
+def test_rounded_friction_slips_before_it_reaches_the_bound(soft: float | None) -> None:
+    problem, tau, gamma = problem_of(3, "unilateral", "coulomb"), 0.02, 3.0
+    (place,) = problem.cone.places
+    law = Rounded(cone=problem.cone, place=place, tau=tau, k_T=soft)
+    p, size = np.full(problem.surface.normal_rows, 0.5), np.geomspace(1e-3, 10.0, len(place.rows.free))
+    s, h = problem.cone.bound(place, p), 1e-6
+
+    def found(size: Array, p: Array) -> Array:
+        return law.dragged(p, place.average, Trial(size, np.full_like(size, gamma))).bound
+
+    t = found(size, p)
+    assert np.all((t > 0) & (t < s))
+    assert_allclose(t * (1 + gamma * law.softness) + gamma * 2 * tau * t / (s**2 - t**2), size, rtol=1e-9)
+    known = law.dragged(p, place.average, Trial(size, np.full_like(size, gamma)))
+    assert_allclose(known.by_trial, (found(size + h, p) - found(size - h, p)) / (2 * h), atol=1e-6)
+    by_pressure = (found(size, p + h) - found(size, p - h)) / (2 * h)
+    assert_allclose(known.by_pressure @ np.ones_like(p), by_pressure, atol=1e-6)
+
+
+@pytest.mark.parametrize("laws", [*(each for each in LAWS if each[0] != "bilateral"), ("unilateral", None)])
+def test_the_way_leads_to_the_solution(laws: tuple[str, str | None]) -> None:
+    problem = problem_of(2, *laws)
+    check(problem)
+
+
+def test_the_way_leads_floating_bodies_into_contact() -> None:
+    """Without tractions to begin with, and with a gap that the block has to travel through."""
+    base = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
+    check(surface_problem(prepare(scene_of(base=base, loads=PULLED))))
+
+
+def check(problem: SurfaceProblem) -> None:
+    attempt, zero = Attempts(problem, Bodies(problem), 0.0, 500), np.zeros(problem.cone.size)
+    (start,) = inner_starts(attempt)
+    exact = CondensedNewton(rtol=1e-12)(problem, zero)
+    assert exact.status is Status.CONVERGED
+    assert len(attempt.history) <= 25
+    assert_allclose(start.p, exact.p, atol=10 * SLIGHT * np.abs(exact.p).max())
+    assert problem.natural_residual(start.p, problem.relative_displacement(start.u_c)) <= SLIGHT
+    assert (start.near, start.in_equilibrium) == (True, False)
+
+
+@pytest.mark.parametrize("what", ["weight", "nothing pushes", "bilateral"])
+def test_there_is_no_way_where_it_has_nothing_to_begin_with(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = problem_of(2, "bilateral" if what == "bilateral" else "unilateral", "coulomb")
+    if what == "weight":
+        monkeypatch.setattr(SurfaceProblem, "give", None)
+    if what == "nothing pushes":
+        monkeypatch.setattr(SurfaceProblem, "p_ref", 0.0)
+    attempt = Attempts(problem, Bodies(problem), 1e-8, 100)
+    assert not list(inner_starts(attempt))
+    assert not attempt.history
