@@ -96,7 +96,7 @@ def inner_starts(attempts: Attempts) -> Iterator[Start]:
     presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in problem.cone.contacts])
     if problem.give is None or problem.p_ref == 0 or not presses.any():
         return
-    found = attempts.run(inner(attempts, problem.give, presses, number), Stall(QUICK, number))
+    found = attempts.run(inner(attempts, problem.give, presses, number), Stall(QUICK // 2, number))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
@@ -163,7 +163,7 @@ def on_the_way(problem: SurfaceProblem, x: Point, tau: float) -> tuple[SurfacePr
         law, friction, p, y = rows.normal, rows.friction, x.p[n], x.y[n]
         if law.sides == 1:
             k = law.stiffness(p, p)
-            softness = np.where(np.isinf(k), law.give, 1 / k)
+            softness: Array = np.where(np.isinf(k), law.give, 1 / k)
             gap[n] += enters[n] - softness * p - tau / p - y
             softness = softness + y / p
             trial[n] = p * (1 + problem.gamma[n] * softness)

@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
 from shared.problems import plane, scene_of
-from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, Array
+from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
@@ -1186,7 +1186,7 @@ def test_levels_of_rounding_are_those_of_the_definition(
         assert found.rest == pytest.approx(rest, rel=1e-9, abs=0)
         sizes = np.abs(inner.array).sum() + np.abs(forces.array).sum()
         assert found.noise == pytest.approx(ROUNDING * sizes / 2.0 + digit, rel=1e-9, abs=0)
-        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)), abs=0)
+        assert (found.area, found.rounding) == pytest.approx((2.0, LAST_DIGITS * max(extent, motion)), rel=EXACT, abs=0)
         give = found.p * audit._give(place.rows, now.p[place.normal])
         assert found.u["base"] == pytest.approx(give + (found.p / stiffness if stiffness else 0.0))
 
