@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from shared.audited import record_of, stored_by
 from shared.cases import every_nth
 from shared.problems import plane, scene_of
-from stickslip.geometry.arrays import EPS, EXACT, LAST_DIGITS, ROUNDING, SLIGHT, Array
+from stickslip.geometry.arrays import EPS, LAST_DIGITS, ROUNDING, SLIGHT, Array
 from stickslip.geometry.surfaces.surface import Surface
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.contact.build import MultiplierNodes
