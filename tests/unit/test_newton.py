@@ -1097,3 +1097,16 @@ def test_a_collapse_that_is_met_is_told_unless_a_solution_is_found(held: Surface
     assert [step.iteration for step in found.history] == [0, 1]
     attempt.max_it = 100
     assert attempt.follow(iter([(start_of(held), None)])).status is Status.CONVERGED
+
+
+@pytest.mark.parametrize(("proximal", "residuals"), [(None, 2), (1e-3, 3)])
+def test_a_plain_attempt_that_was_near_and_lacks_more_than_there_is_ends(
+    proximal: float | None, residuals: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = given()
+    zero, attempt = np.zeros(len(problem.gap)), Attempts(problem, Bodies(problem, solve_given), 1e-8, 100)
+    met = [Iterate(k, x, p=k + zero, w=zero) for k, x in enumerate((0.9 * NEAR, 2.0, 1e-9), start=1)]
+    monkeypatch.setattr(attempt, "iterates", lambda *given: iter(met))
+    attempt(Start.at(problem, zero, problem.contact_displacement(zero)), proximal)
+    assert len(attempt.history) == residuals
+    assert attempt.stalled == (proximal is None)
