@@ -91,6 +91,11 @@ class Point:
 
 
 def inner_starts(attempts: Attempts) -> Iterator[Start]:
+    """Where the way leads floating bodies; of several solutions of held ones it may find another than theirs."""
+    return way(attempts) if attempts.problem.surface.floating else iter(())
+
+
+def way(attempts: Attempts) -> Iterator[Start]:
     """Where the way leads; none where nothing is known of the bodies, nothing pushes, or all contacts hold."""
     problem, number = attempts.problem, attempts.history[-1].iteration if attempts.history else 0
     presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in problem.cone.contacts])

@@ -18,7 +18,7 @@ from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Attempts
-from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way
+from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way, way
 from stickslip.workflows.lab.verification.prepared import prepare
 
 TIGHT = {"tolerance": 1e-11}
@@ -28,6 +28,8 @@ LAWS = [
     ("worn", "coulomb"), ("worn power", "soft coulomb"),
 ]  # fmt: skip
 PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
+
+BASE = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
 
 
 class Bodies:
@@ -119,19 +121,24 @@ def test_the_way_leads_to_the_solution(laws: tuple[str, str | None]) -> None:
 
 def test_the_way_leads_floating_bodies_into_contact() -> None:
     """Without tractions to begin with, and with a gap that the block has to travel through."""
-    base = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
-    check(surface_problem(prepare(scene_of(base=base, loads=PULLED))))
+    check(surface_problem(prepare(scene_of(base=BASE, loads=PULLED))))
 
 
 def check(problem: SurfaceProblem) -> None:
     attempt, zero = Attempts(problem, Bodies(problem), 0.0, 500), np.zeros(problem.cone.size)
-    (start,) = inner_starts(attempt)
+    (start,) = way(attempt)
     exact = CondensedNewton(rtol=1e-12)(problem, zero)
     assert exact.status is Status.CONVERGED
     assert len(attempt.history) <= 25
     assert_allclose(start.p, exact.p, atol=10 * SLIGHT * np.abs(exact.p).max())
     assert problem.natural_residual(start.p, problem.relative_displacement(start.u_c)) <= SLIGHT
     assert (start.near, start.in_equilibrium) == (True, False)
+
+
+def test_only_floating_bodies_are_led() -> None:
+    held, floating = problem_of(2, "unilateral", "coulomb"), surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
+    found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in (held, floating)]
+    assert [len(starts) for starts in found] == [0, 1]
 
 
 @pytest.mark.parametrize("what", ["weight", "nothing pushes", "bilateral"])
@@ -142,5 +149,5 @@ def test_there_is_no_way_where_it_has_nothing_to_begin_with(what: str, monkeypat
     if what == "nothing pushes":
         monkeypatch.setattr(SurfaceProblem, "p_ref", 0.0)
     attempt = Attempts(problem, Bodies(problem), 1e-8, 100)
-    assert not list(inner_starts(attempt))
+    assert not list(way(attempt))
     assert not attempt.history
