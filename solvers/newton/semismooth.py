@@ -112,8 +112,11 @@ def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
     Args:
         attempts: those so far.
     """
+    before = attempts.best, attempts.problem
     for start in inner_starts(attempts):
         yield start, None
+    if not attempts.over:
+        attempts.best, attempts.problem = before  # however small residuals are on the way: where it fails, it is far
     for start in soft_starts(attempts):
         for place in settled(attempts, start):
             yield place, None
