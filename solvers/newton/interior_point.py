@@ -118,7 +118,7 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
     """
     n = attempts.problem.surface.normal_rows
     try:
-        x, fall = first(attempts.problem, attempts.bodies, give, presses), 0.5
+        x, fall, lacks = first(attempts.problem, attempts.bodies, give, presses), 0.5, 1.0
         for k in range(number + 1, number + ATTEMPT):
             problem, gamma = attempts.problem, attempts.problem.gamma
             tau = fall * float((x.p[:n] * x.y)[presses].mean())
@@ -131,10 +131,12 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
             to = x.towards(p, w, u, y, share)
             share *= LineSearch(posed, gamma)(x.p, x.w, to.p, to.w)
             x = x.towards(p, w, u, y, share)
-            fall = max(FALL, fall / 2, (1 - share) ** 2)
+            fall, lacks = max(FALL, fall / 2, (1 - share) ** 2), lacks * (1 - share)
             hat = x.p + gamma * (x.w - problem.gap)
             hat[:n] = np.where(presses, x.p[:n] + gamma[:n] * (problem.cone.give(x.p)[:n] - x.y), hat[:n])
-            yield (found := attempts.judged(k, problem.project(hat, gamma), x.w, x.u))
+            found = attempts.judged(k, problem.project(hat, gamma), x.w, x.u)
+            off = np.abs(found.p - x.p).max() / problem.scales.of_tractions(x.p)  # from those that w belongs to
+            yield (found := replace(found, residual=max(found.residual, off, lacks)))
             if share > 0.5 and found.residual <= SLIGHT:
                 return
     except np.linalg.LinAlgError:

@@ -11,7 +11,7 @@ from shared.cases import every_nth
 from shared.problems import pressed, scene_of, surface_problem
 from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Status
+from stickslip.solvers.iteration import Iterate, Status
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -20,6 +20,7 @@ from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Attempts
 from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way, way
 from stickslip.workflows.lab.verification.prepared import prepare
+from stickslip.workflows.scene_file.read import from_dict
 
 TIGHT = {"tolerance": 1e-11}
 LAWS = [
@@ -30,6 +31,9 @@ LAWS = [
 PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 
 BASE = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
+RING = {"builder": "ring", "inner_radius": 0.65, "outer_radius": 1.0, "mesh_size": 0.2, "order": 2}
+BLOCK = {"builder": "block", "length": 2.0, "width": 1.0, "height": 1.0, "mesh_size": 0.5, "order": 2}
+SQUEEZED = [("plane stress", RING, ("ring.outer", "ring.outer")), ("3d", BLOCK, ("block.bottom", "block.top"))]
 
 
 class Bodies:
@@ -124,12 +128,35 @@ def test_the_way_leads_floating_bodies_into_contact() -> None:
     check(surface_problem(prepare(scene_of(base=BASE, loads=PULLED))))
 
 
+@pytest.mark.parametrize(("model", "shape", "sides"), SQUEEZED)
+def test_bodies_that_nothing_presses_on_the_way_are_not_solved(model: str, shape: Any, sides: tuple[str, str]) -> None:
+    """Between planes that close: no traction is the law's where the way has left them, but it is not the bodies'."""
+    high = "xyz".index("z" if model == "3d" else "y")
+    up, rough = [0.0] * high + [1.0], {"friction": {"law": "coulomb", "mu": 0.35}}
+    floor = {"shape": "plane", "point": [-x for x in up] if shape is RING else [0.0] * len(up), "normal": up}
+    lid = {"shape": "plane", "point": up, "normal": [-x for x in up], "displacement": {"xyz"[high]: -0.02}}
+    scene = {
+        "model": model,
+        "geometry": shape,
+        "bodies": {sides[0].split(".")[0]: {"E": 80.0, "nu": 0.3}},
+        "obstacles": {"floor": floor, "lid": lid},
+        "contacts": {
+            name: {"surface": s, "against": name} | rough for s, name in zip(sides, ("floor", "lid"), strict=True)
+        },
+    }
+    check(surface_problem(prepare(from_dict(scene))))
+
+
 def check(problem: SurfaceProblem) -> None:
-    attempt, zero = Attempts(problem, Bodies(problem), 0.0, 500), np.zeros(problem.cone.size)
+    """The way ends near the solution, and no iterate says that it is nearer than it is."""
+    attempt, zero, met = Attempts(problem, Bodies(problem), 0.0, 500), np.zeros(problem.cone.size), list[Iterate]()
+    run = attempt.run
+    attempt.run = lambda iterates, *args: run((met.append(x) or x for x in iterates), *args)
     (start,) = way(attempt)
     exact = CondensedNewton(rtol=1e-12)(problem, zero)
     assert exact.status is Status.CONVERGED
     assert len(attempt.history) <= 25
+    assert all(np.abs(x.p - exact.p).max() < 5 * x.residual * np.abs(exact.p).max() for x in met)
     assert_allclose(start.p, exact.p, atol=10 * SLIGHT * np.abs(exact.p).max())
     assert problem.natural_residual(start.p, problem.relative_displacement(start.u_c)) <= SLIGHT
     assert (start.near, start.in_equilibrium) == (True, False)
