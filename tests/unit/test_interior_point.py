@@ -1,6 +1,7 @@
 """The interior point: steps keep to the equations of its way, which leads to the solution."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,10 @@ PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 BASE = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
 RING = {"builder": "ring", "inner_radius": 0.65, "outer_radius": 1.0, "mesh_size": 0.2, "order": 2}
 BLOCK = {"builder": "block", "length": 2.0, "width": 1.0, "height": 1.0, "mesh_size": 0.5, "order": 2}
-SQUEEZED = [("plane stress", RING, ("ring.outer", "ring.outer")), ("3d", BLOCK, ("block.bottom", "block.top"))]
+SQUEEZED = {
+    "plane stress": (RING, ("ring.outer", "ring.outer"), [0.0, 1.0]),
+    "3d": (BLOCK, ("block.bottom", "block.top"), [0.0, 0.0, 1.0]),
+}
 
 
 class Bodies:
@@ -49,6 +53,7 @@ class Bodies:
         return self.problem.relative_displacement(u)
 
 
+@cache
 def problem_of(dim: int, normal: str, friction: str | None) -> SurfaceProblem:
     worn, law = normal.startswith("worn"), normal.split()[-1].replace("worn", "unilateral")
     problem = surface_problem(prepare(pressed(dim, law, friction, solver=TIGHT)))
@@ -56,6 +61,31 @@ def problem_of(dim: int, normal: str, friction: str | None) -> SurfaceProblem:
     if worn:
         own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.1, 0.3], len(own.W_n))))
     return replace(problem, cone=replace(problem.cone, contacts=(own,)))
+
+
+@cache
+def floating() -> SurfaceProblem:
+    return surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
+
+
+@cache
+def squeezed(model: str) -> SurfaceProblem:
+    """A body between planes that close."""
+    shape, sides, up = SQUEEZED[model]
+    rough = {"friction": {"law": "coulomb", "mu": 0.35}}
+    floor = {"shape": "plane", "point": [-x for x in up] if shape is RING else [0.0] * len(up), "normal": up}
+    close = {"xyz"[len(up) - 1]: -0.02}
+    lid = {"shape": "plane", "point": up, "normal": [-x for x in up], "displacement": close}
+    scene = {
+        "model": model,
+        "geometry": shape,
+        "bodies": {sides[0].split(".")[0]: {"E": 80.0, "nu": 0.3}},
+        "obstacles": {"floor": floor, "lid": lid},
+        "contacts": {
+            name: {"surface": s, "against": name} | rough for s, name in zip(sides, ("floor", "lid"), strict=True)
+        },
+    }
+    return surface_problem(prepare(from_dict(scene)))
 
 
 @pytest.mark.parametrize(("laws", "dim"), every_nth(2, LAWS, [2, 3]))
@@ -125,26 +155,13 @@ def test_the_way_leads_to_the_solution(laws: tuple[str, str | None]) -> None:
 
 def test_the_way_leads_floating_bodies_into_contact() -> None:
     """Without tractions to begin with, and with a gap that the block has to travel through."""
-    check(surface_problem(prepare(scene_of(base=BASE, loads=PULLED))))
+    check(floating())
 
 
-@pytest.mark.parametrize(("model", "shape", "sides"), SQUEEZED)
-def test_bodies_that_nothing_presses_on_the_way_are_not_solved(model: str, shape: Any, sides: tuple[str, str]) -> None:
-    """Between planes that close: no traction is the law's where the way has left them, but it is not the bodies'."""
-    high = "xyz".index("z" if model == "3d" else "y")
-    up, rough = [0.0] * high + [1.0], {"friction": {"law": "coulomb", "mu": 0.35}}
-    floor = {"shape": "plane", "point": [-x for x in up] if shape is RING else [0.0] * len(up), "normal": up}
-    lid = {"shape": "plane", "point": up, "normal": [-x for x in up], "displacement": {"xyz"[high]: -0.02}}
-    scene = {
-        "model": model,
-        "geometry": shape,
-        "bodies": {sides[0].split(".")[0]: {"E": 80.0, "nu": 0.3}},
-        "obstacles": {"floor": floor, "lid": lid},
-        "contacts": {
-            name: {"surface": s, "against": name} | rough for s, name in zip(sides, ("floor", "lid"), strict=True)
-        },
-    }
-    check(surface_problem(prepare(from_dict(scene))))
+@pytest.mark.parametrize("model", SQUEEZED)
+def test_bodies_that_nothing_presses_on_the_way_are_not_solved(model: str) -> None:
+    """No traction is the law's where the way has left them, but it is not the bodies'."""
+    check(squeezed(model))
 
 
 def check(problem: SurfaceProblem) -> None:
@@ -163,14 +180,14 @@ def check(problem: SurfaceProblem) -> None:
 
 
 def test_only_floating_bodies_are_led() -> None:
-    held, floating = problem_of(2, "unilateral", "coulomb"), surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
-    found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in (held, floating)]
+    problems = problem_of(2, "unilateral", "coulomb"), floating()
+    found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in problems]
     assert [len(starts) for starts in found] == [0, 1]
 
 
 @pytest.mark.parametrize("what", ["weight", "nothing pushes", "bilateral"])
 def test_there_is_no_way_where_it_has_nothing_to_begin_with(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(2, "bilateral" if what == "bilateral" else "unilateral", "coulomb")
+    problem = replace(problem_of(2, "bilateral" if what == "bilateral" else "unilateral", "coulomb"))
     if what == "weight":
         monkeypatch.setattr(SurfaceProblem, "give", None)
     if what == "nothing pushes":
