@@ -16,7 +16,7 @@ from stickslip.solvers.iteration import Iterate, Status
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton import condensed_system, interior_point
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Attempts
 from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way, way
@@ -183,6 +183,16 @@ def test_only_floating_bodies_are_led() -> None:
     problems = problem_of(2, "unilateral", "coulomb"), floating()
     found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in problems]
     assert [len(starts) for starts in found] == [0, 1]
+
+
+def test_a_way_goes_on_counting_and_is_no_longer_than_an_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
+    attempt, short = (Attempts(floating(), Bodies(floating()), 0.0, 500) for _ in range(2))
+    assert len([*way(attempt), *way(attempt)]) == 2
+    assert [step.iteration for step in attempt.history] == [*range(1, len(attempt.history) + 1)]
+    assert len(attempt.history) % 2 == 0
+    monkeypatch.setattr(interior_point, "ATTEMPT", 4)
+    assert not list(way(short))
+    assert [step.iteration for step in short.history] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("what", ["weight", "nothing pushes", "bilateral"])
