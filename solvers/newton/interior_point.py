@@ -101,14 +101,14 @@ def way(attempts: Attempts) -> Iterator[Start]:
     presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in problem.cone.contacts])
     if problem.give is None or problem.p_ref == 0 or not presses.any():
         return
-    found = attempts.run(inner(attempts, problem.give, presses, number), Stall(QUICK // 2, number))
+    found = attempts.run(inner(attempts, problem.give, presses, number))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
 
 
 def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Iterator[Iterate]:
-    """Iterates of the way, projected, up to a slight residual.
+    """Iterates of the way, projected, up to a slight residual, or up to where p y stays as large as it is.
 
     Args:
         attempts: those so far, at a problem of the bodies.
@@ -116,12 +116,15 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
         presses: (normal rows,) whether a point only presses.
         number: of the iteration before.
     """
-    n = attempts.problem.surface.normal_rows
+    n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2, number)
     try:
         x, fall, lacks = first(attempts.problem, attempts.bodies, give, presses), 0.5, 1.0
         for k in range(number + 1, number + ATTEMPT):
             problem, gamma = attempts.problem, attempts.problem.gamma
-            tau = fall * float((x.p[:n] * x.y)[presses].mean())
+            mean = float((x.p[:n] * x.y)[presses].mean())
+            if stalls(k, mean):
+                return
+            tau = fall * mean
             posed, trial = on_the_way(problem, x, tau)
             p, u = attempts.bodies.solve(linearise(posed, trial, gamma), x.p, x.u)
             w = attempts.bodies.relative(p, u)

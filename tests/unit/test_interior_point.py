@@ -12,7 +12,7 @@ from shared.cases import every_nth
 from shared.problems import pressed, scene_of, surface_problem
 from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Iterate, Status
+from stickslip.solvers.iteration import QUICK, Iterate, Status
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
@@ -177,6 +177,15 @@ def check(problem: SurfaceProblem) -> None:
     assert_allclose(start.p, exact.p, atol=10 * SLIGHT * np.abs(exact.p).max())
     assert problem.natural_residual(start.p, problem.relative_displacement(start.u_c)) <= SLIGHT
     assert (start.near, start.in_equilibrium) == (True, False)
+
+
+def test_the_way_goes_on_as_long_as_tau_falls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Residuals are no measure of it: one that happened to be small would end it."""
+    problem = problem_of(2, "unilateral", "coulomb")
+    attempt, judged = Attempts(problem, Bodies(problem), 0.0, 500), Attempts.judged
+    monkeypatch.setattr(Attempts, "judged", lambda *args: replace(judged(*args), residual=2 * SLIGHT))
+    assert list(way(attempt))
+    assert len(attempt.history) > QUICK
 
 
 def test_only_floating_bodies_are_led() -> None:
