@@ -47,9 +47,11 @@ class Bodies:
         self.problem = problem
 
     def solve(self, laws: Any, p: Array, u: Array) -> tuple[Array, Array]:
+        assert (len(p), len(u)) == (self.problem.cone.size, self.problem.surface.size)
         return condensed_system.solve(laws, u)
 
     def relative(self, p: Array, u: Array) -> Array:
+        assert len(p) == self.problem.cone.size
         return self.problem.relative_displacement(u)
 
 
