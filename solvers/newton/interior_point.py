@@ -130,7 +130,7 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
             w = attempts.bodies.relative(p, u)
             y = np.where(presses, tau / x.p[:n] + x.y * (1 - p[:n] / x.p[:n]), x.y)
             lost = np.concatenate([1 - p[:n] / x.p[:n], 1 - y / x.y])[np.tile(presses, 2)].max()
-            share = min(1.0, NEARLY / lost) if lost > 0 else 1.0
+            share = NEARLY / max(NEARLY, lost)
             to = x.towards(p, w, u, y, share)
             share *= LineSearch(posed, gamma)(x.p, x.w, to.p, to.w)
             x = x.towards(p, w, u, y, share)

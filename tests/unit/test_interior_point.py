@@ -196,6 +196,24 @@ def test_only_floating_bodies_are_led() -> None:
     assert [len(starts) for starts in found] == [0, 1]
 
 
+def test_a_step_ends_nearly_where_the_first_gap_is_zero_or_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    towards, steps = Point.towards, list[tuple[Point, float, Point]]()
+
+    def moved(at: Point, *to: Any) -> Point:
+        steps.append((at, to[-1], towards(at, *to)))
+        return steps[-1][-1]
+
+    monkeypatch.setattr(Point, "towards", moved)
+    assert list(way(Attempts(floating(), Bodies(floating()), 0.0, 500)))
+    shares = [share for _, share, _ in steps[::2]]  # behind each comes what its line search leaves
+    left = [min((y.y / x.y).min(), (y.p[: len(x.y)] / x.p[: len(x.y)]).min()) for x, _, y in steps[::2]]
+    short = np.array(shares) < 1
+    assert short.any()
+    assert_allclose(np.array(shares)[~short], 1.0)
+    assert_allclose(np.array(left)[short], 1 - interior_point.NEARLY)
+    assert min(left) > 1 - interior_point.NEARLY - 1e-9
+
+
 def test_a_way_goes_on_counting_and_is_no_longer_than_an_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
     attempt, short = (Attempts(floating(), Bodies(floating()), 0.0, 500) for _ in range(2))
     assert len([*way(attempt), *way(attempt)]) == 2
