@@ -204,7 +204,7 @@ def _rows(problem: SurfaceProblem, p_hat: Array, gamma: Array) -> _Rows:
         rows.hold(index[closed & ~gives])
         if gives.any():
             rows.give(index[gives], softness[gives])
-        soft = ~closed & (slope > 0)
+        soft = ~closed  # what is open is a spring of no stiffness
         rows.spring(index[soft], slope[soft], p[n][soft] - slope[soft] * law.penetration(p[n])[soft])
     for place in cone.with_friction():
         _friction(rows, place, p_hat, p[place.normal], gamma)

@@ -116,7 +116,7 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
         presses: (normal rows,) whether a point only presses.
         number: of the iteration before.
     """
-    n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2, number)
+    n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2)
     try:
         x, fall, lacks = first(attempts.problem, attempts.bodies, give, presses), 0.5, 1.0
         for k in range(number + 1, number + ATTEMPT):
@@ -129,8 +129,8 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
             p, u = attempts.bodies.solve(linearise(posed, trial, gamma), x.p, x.u)
             w = attempts.bodies.relative(p, u)
             y = np.where(presses, tau / x.p[:n] + x.y * (1 - p[:n] / x.p[:n]), x.y)
-            lost = np.concatenate([1 - p[:n] / x.p[:n], 1 - y / x.y])[np.tile(presses, 2)].max(initial=0.0)
-            share = min(1.0, NEARLY / lost) if lost > 0 else 1.0
+            lost = np.concatenate([1 - p[:n] / x.p[:n], 1 - y / x.y])[np.tile(presses, 2)].max()
+            share = NEARLY / max(NEARLY, lost)
             to = x.towards(p, w, u, y, share)
             share *= LineSearch(posed, gamma)(x.p, x.w, to.p, to.w)
             x = x.towards(p, w, u, y, share)

@@ -418,7 +418,7 @@ def others(
         p: tractions (rows,) [Pa] that solve it.
         keeps: whether tractions (rows,) [Pa] and relative displacement (rows,) [m] have the laws of the problem.
     """
-    if len(p) > MOST or problem.surface.floating or not applies(problem) or critical(problem) > 1:
+    if not applies(problem) or critical(problem) > 1:
         return
     known = [p]
     for found in path_from_open(problem, FOLLOWED):

@@ -4,7 +4,7 @@
 ten minutes each. It works on copies in build/mutants; log.txt there is mutmut's own. One operator, number, name or
 argument is changed at a time, then the tests of the module that call its function are run, until one fails: those that
 call few functions first. A test that passes only after another would seem to notice every change, so all are run
-backwards before.
+backwards before. Mutants with a reason are not run: all tests would pass, which takes longest.
 
 Exit code 1: a mutant survives without a reason. Then a test is missing; or the change makes no difference, and the
 reason belongs into mutants.toml. A mutant is known there by its function, the line that was, and the line that is now,
@@ -23,6 +23,7 @@ import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import chdir
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ TABLE = Path(__file__).with_name("mutants.toml")
 PLUGINS = Path(__file__).parent  # of pytest: reversed_order, closest_first
 PACKAGE = "stickslip"
 COPIED = ("geometry", "solvers", "workflows", "tests", "stickslip", "pyproject.toml")
+SURVIVED = 0  # exit code of the tests
 NOTICED = ("killed", "timeout", "segfault", "suspicious")  # endings by which a test has noticed the change
 
 
@@ -98,8 +100,8 @@ def unexplained(survivors: Sequence[Mutant], known: Sequence[Reason]) -> list[Mu
     return [mutant for mutant in survivors if not any(reason.holds(mutant) for reason in known)]
 
 
-def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
-    """Mutate files with their tests, in a copy of the code."""
+def mutate(module: str, known: Sequence[Reason], files: Sequence[str], tests: Sequence[str]) -> Tally:
+    """Mutate files with their tests, in a copy of the code; mutants with a known reason count as survivors."""
     _check_order(module, tests)
     folder = WORK / module
     shutil.rmtree(folder, ignore_errors=True)  # mutmut would keep copies of files that have changed since
@@ -120,15 +122,19 @@ def mutate(module: str, files: Sequence[str], tests: Sequence[str]) -> Tally:
     }
     text = "".join(f"{key} =\n" + "".join(f"    {value}\n" for value in values) for key, values in lines.items())
     (folder / "setup.cfg").write_text("[mutmut]\n" + text)
-    with (folder / "log.txt").open("w") as log:
-        run = subprocess.run(
-            [sys.executable, "-m", "mutmut", "run", "--max-children", "1"],
-            cwd=folder,
-            env=_with_plugins(),
-            stdout=log,
-            stderr=log,
-        )
-    return Tally(module, *_results(folder, run.returncode))
+    _mutmut(folder, "none")  # no mutant's name: all are written, and which tests call them
+    for data, name in _mutants(folder):
+        if not unexplained([_mutant(name, data.path)], known):
+            data.exit_code_by_key[name] = SURVIVED
+            data.save()
+    return Tally(module, *_results(folder, _mutmut(folder)))
+
+
+def _mutmut(folder: Path, *names: str) -> int:
+    """Run the mutants of those names, or all that have no ending yet."""
+    command = [sys.executable, "-m", "mutmut", "run", "--max-children", "1", *names]
+    with (folder / "log.txt").open("a") as log:
+        return subprocess.run(command, cwd=folder, env=_with_plugins(), stdout=log, stderr=log).returncode
 
 
 def _check_order(module: str, tests: Sequence[str]) -> None:
@@ -152,31 +158,34 @@ def _with_plugins() -> dict[str, str]:
 
 
 def _results(folder: Path, code: int) -> tuple[Mapping[str, int], tuple[Mutant, ...]]:
-    from mutmut import configuration  # it is no package of .venv
-    from mutmut.mutation.data import SourceFileMutationData
-    from mutmut.stats import status_by_exit_code
-    from mutmut.utils.file_utils import walk_mutatable_files
+    from mutmut.stats import status_by_exit_code  # it is no package of .venv
 
     counts: Counter[str] = Counter()
     survivors: list[Mutant] = []
-    before = Path.cwd()
-    os.chdir(folder)  # as mutmut expects it
-    try:
-        configuration.reset_config()
-        for path in walk_mutatable_files():
-            data = SourceFileMutationData(path=path)
-            data.load()
-            for name, ending in data.exit_code_by_key.items():
-                status = status_by_exit_code[ending]
-                counts[status] += 1
-                if status not in NOTICED:
-                    survivors.append(_mutant(name, path))
-    finally:
-        os.chdir(before)
+    for data, name in _mutants(folder):
+        status = status_by_exit_code[data.exit_code_by_key[name]]
+        counts[status] += 1
+        if status not in NOTICED:
+            survivors.append(_mutant(name, data.path))
     if code or not counts or counts["not checked"]:
         tail = "".join((folder / "log.txt").read_text(errors="replace").splitlines(keepends=True)[-30:])
         sys.exit(f"{tail}\nmutmut did not finish; all of it is in {folder / 'log.txt'}")
     return counts, tuple(survivors)
+
+
+def _mutants(folder: Path) -> Iterator[tuple[Any, str]]:
+    """Names of all mutants, each behind the data of its file."""
+    from mutmut import configuration
+    from mutmut.mutation.data import SourceFileMutationData
+    from mutmut.utils.file_utils import walk_mutatable_files
+
+    with chdir(folder):  # as mutmut expects it
+        configuration.reset_config()
+        for path in walk_mutatable_files():
+            data = SourceFileMutationData(path=path)
+            data.load()
+            for name in list(data.exit_code_by_key):
+                yield data, name
 
 
 def _mutant(name: str, path: Path) -> Mutant:
@@ -222,7 +231,7 @@ def main() -> int:
         parser.error(f"no such module: {', '.join(wrong)}; there are {', '.join(modules)}")
     tallies = []
     for name in only:
-        tallies.append(mutate(name, **modules[name]))
+        tallies.append(mutate(name, known, **modules[name]))
         print("\n".join(report(tallies[-1:], known)), flush=True)
     if len(tallies) > 1:
         print("\nAll modules")

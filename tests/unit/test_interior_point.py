@@ -1,6 +1,7 @@
 """The interior point: steps keep to the equations of its way, which leads to the solution."""
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from stickslip.solvers.iteration import QUICK, Iterate, Status
 from stickslip.solvers.laws.law import Trial
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
-from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton import condensed_system, interior_point
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import Attempts
 from stickslip.solvers.newton.interior_point import Point, Rounded, inner_starts, on_the_way, way
@@ -33,7 +34,10 @@ PULLED = {"pull": {"boundary": "block.top", "traction": [0.02, -0.1]}}
 BASE = {"gap_offset": 0.3, "friction": {"law": "coulomb", "mu": 0.4}}
 RING = {"builder": "ring", "inner_radius": 0.65, "outer_radius": 1.0, "mesh_size": 0.2, "order": 2}
 BLOCK = {"builder": "block", "length": 2.0, "width": 1.0, "height": 1.0, "mesh_size": 0.5, "order": 2}
-SQUEEZED = [("plane stress", RING, ("ring.outer", "ring.outer")), ("3d", BLOCK, ("block.bottom", "block.top"))]
+SQUEEZED = {
+    "plane stress": (RING, ("ring.outer", "ring.outer"), [0.0, 1.0]),
+    "3d": (BLOCK, ("block.bottom", "block.top"), [0.0, 0.0, 1.0]),
+}
 
 
 class Bodies:
@@ -43,12 +47,15 @@ class Bodies:
         self.problem = problem
 
     def solve(self, laws: Any, p: Array, u: Array) -> tuple[Array, Array]:
+        assert (len(p), len(u)) == (self.problem.cone.size, self.problem.surface.size)
         return condensed_system.solve(laws, u)
 
     def relative(self, p: Array, u: Array) -> Array:
+        assert len(p) == self.problem.cone.size
         return self.problem.relative_displacement(u)
 
 
+@cache
 def problem_of(dim: int, normal: str, friction: str | None) -> SurfaceProblem:
     worn, law = normal.startswith("worn"), normal.split()[-1].replace("worn", "unilateral")
     problem = surface_problem(prepare(pressed(dim, law, friction, solver=TIGHT)))
@@ -56,6 +63,31 @@ def problem_of(dim: int, normal: str, friction: str | None) -> SurfaceProblem:
     if worn:
         own = replace(own, normal=Worn(of=own.normal, softness=np.resize([0.1, 0.3], len(own.W_n))))
     return replace(problem, cone=replace(problem.cone, contacts=(own,)))
+
+
+@cache
+def floating() -> SurfaceProblem:
+    return surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
+
+
+@cache
+def squeezed(model: str) -> SurfaceProblem:
+    """A body between planes that close."""
+    shape, sides, up = SQUEEZED[model]
+    rough = {"friction": {"law": "coulomb", "mu": 0.35}}
+    floor = {"shape": "plane", "point": [-x for x in up] if shape is RING else [0.0] * len(up), "normal": up}
+    close = {"xyz"[len(up) - 1]: -0.02}
+    lid = {"shape": "plane", "point": up, "normal": [-x for x in up], "displacement": close}
+    scene = {
+        "model": model,
+        "geometry": shape,
+        "bodies": {sides[0].split(".")[0]: {"E": 80.0, "nu": 0.3}},
+        "obstacles": {"floor": floor, "lid": lid},
+        "contacts": {
+            name: {"surface": s, "against": name} | rough for s, name in zip(sides, ("floor", "lid"), strict=True)
+        },
+    }
+    return surface_problem(prepare(from_dict(scene)))
 
 
 @pytest.mark.parametrize(("laws", "dim"), every_nth(2, LAWS, [2, 3]))
@@ -125,26 +157,13 @@ def test_the_way_leads_to_the_solution(laws: tuple[str, str | None]) -> None:
 
 def test_the_way_leads_floating_bodies_into_contact() -> None:
     """Without tractions to begin with, and with a gap that the block has to travel through."""
-    check(surface_problem(prepare(scene_of(base=BASE, loads=PULLED))))
+    check(floating())
 
 
-@pytest.mark.parametrize(("model", "shape", "sides"), SQUEEZED)
-def test_bodies_that_nothing_presses_on_the_way_are_not_solved(model: str, shape: Any, sides: tuple[str, str]) -> None:
-    """Between planes that close: no traction is the law's where the way has left them, but it is not the bodies'."""
-    high = "xyz".index("z" if model == "3d" else "y")
-    up, rough = [0.0] * high + [1.0], {"friction": {"law": "coulomb", "mu": 0.35}}
-    floor = {"shape": "plane", "point": [-x for x in up] if shape is RING else [0.0] * len(up), "normal": up}
-    lid = {"shape": "plane", "point": up, "normal": [-x for x in up], "displacement": {"xyz"[high]: -0.02}}
-    scene = {
-        "model": model,
-        "geometry": shape,
-        "bodies": {sides[0].split(".")[0]: {"E": 80.0, "nu": 0.3}},
-        "obstacles": {"floor": floor, "lid": lid},
-        "contacts": {
-            name: {"surface": s, "against": name} | rough for s, name in zip(sides, ("floor", "lid"), strict=True)
-        },
-    }
-    check(surface_problem(prepare(from_dict(scene))))
+@pytest.mark.parametrize("model", SQUEEZED)
+def test_bodies_that_nothing_presses_on_the_way_are_not_solved(model: str) -> None:
+    """No traction is the law's where the way has left them, but it is not the bodies'."""
+    check(squeezed(model))
 
 
 def check(problem: SurfaceProblem) -> None:
@@ -172,14 +191,42 @@ def test_the_way_goes_on_as_long_as_tau_falls(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_only_floating_bodies_are_led() -> None:
-    held, floating = problem_of(2, "unilateral", "coulomb"), surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
-    found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in (held, floating)]
+    problems = problem_of(2, "unilateral", "coulomb"), floating()
+    found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in problems]
     assert [len(starts) for starts in found] == [0, 1]
+
+
+def test_a_step_ends_nearly_where_the_first_gap_is_zero_or_is_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    towards, steps = Point.towards, list[tuple[Point, float, Point]]()
+
+    def moved(at: Point, *to: Any) -> Point:
+        steps.append((at, to[-1], towards(at, *to)))
+        return steps[-1][-1]
+
+    monkeypatch.setattr(Point, "towards", moved)
+    assert list(way(Attempts(floating(), Bodies(floating()), 0.0, 500)))
+    shares = [share for _, share, _ in steps[::2]]  # behind each comes what its line search leaves
+    left = [min((y.y / x.y).min(), (y.p[: len(x.y)] / x.p[: len(x.y)]).min()) for x, _, y in steps[::2]]
+    short = np.array(shares) < 1
+    assert short.any()
+    assert_allclose(np.array(shares)[~short], 1.0)
+    assert_allclose(np.array(left)[short], 1 - interior_point.NEARLY)
+    assert min(left) > 1 - interior_point.NEARLY - 1e-9
+
+
+def test_a_way_goes_on_counting_and_is_no_longer_than_an_attempt(monkeypatch: pytest.MonkeyPatch) -> None:
+    attempt, short = (Attempts(floating(), Bodies(floating()), 0.0, 500) for _ in range(2))
+    assert len([*way(attempt), *way(attempt)]) == 2
+    assert [step.iteration for step in attempt.history] == [*range(1, len(attempt.history) + 1)]
+    assert len(attempt.history) % 2 == 0
+    monkeypatch.setattr(interior_point, "ATTEMPT", 4)
+    assert not list(way(short))
+    assert [step.iteration for step in short.history] == [1, 2, 3]
 
 
 @pytest.mark.parametrize("what", ["weight", "nothing pushes", "bilateral"])
 def test_there_is_no_way_where_it_has_nothing_to_begin_with(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(2, "bilateral" if what == "bilateral" else "unilateral", "coulomb")
+    problem = replace(problem_of(2, "bilateral" if what == "bilateral" else "unilateral", "coulomb"))
     if what == "weight":
         monkeypatch.setattr(SurfaceProblem, "give", None)
     if what == "nothing pushes":

@@ -3,7 +3,9 @@
 Reference: one P1 triangle, two corners clamped; Coulomb's law by cases on K u + r = f, r in the cone.
 """
 
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from stickslip.solvers.iteration import Solution, Status
 from stickslip.solvers.newton import path
 from stickslip.solvers.newton.attempts import Start
 from stickslip.solvers.scene.scene import Scene
+from stickslip.solvers.stepping.state import State
 from stickslip.workflows.lab.verification.prepared import prepare
 from stickslip.workflows.run.warnings import doubts
 from stickslip.workflows.scene_file.read import from_dict
@@ -131,23 +134,30 @@ def test_the_three_answers_are_met_and_told(case: tuple[float, int], tmp_path: P
 
 
 WAYS = {  # loads up to the state before, and now; the reaction that they lead to, and whether it jumps
-    "stuck": ([[0.0, -0.6]], [-1.0, -0.6], STICK, False),
-    "let go": ([[0.0, -0.6], [-1.0, -0.6]], [-2.0, -0.6], (0.0, 0.0), True),
-    "open": ([[-1.0, 0.0]], [-1.0, -0.3], (0.0, 0.0), False),
+    "stuck": ([(0.0, -0.6), (-1.0, -0.6)], STICK, False),
+    "let go": ([(0.0, -0.6), (-1.0, -0.6), (-2.0, -0.6)], (0.0, 0.0), True),
+    "open": ([(-1.0, 0.0), (-1.0, -0.3)], (0.0, 0.0), False),
 }
+
+
+@cache
+def last_of(floor: float, *loads: tuple[float, float]) -> tuple[SurfaceProblem, State]:
+    """The problem of the last of some loads, and the state before."""
+    with TemporaryDirectory() as folder:
+        stepper = prepare(scene_of(3.0, Path(folder), [list(load) for load in loads], floor)).stepper
+    state = stepper.start()
+    for time in range(1, len(loads)):
+        state = stepper.reach(state, float(time), lambda row: None).state
+    return stepper.posed(state, float(len(loads)))[0], state
 
 
 @pytest.mark.parametrize("way", WAYS)
 def test_the_answer_that_the_state_before_leads_to_is_the_one_of_growing_loads(
-    way: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whichever one is found; a node that sticks lets go where no answer goes on from there."""
-    loads, now, reaction, jumps = WAYS[way]
-    stepper = prepare(scene_of(3.0, tmp_path, [*loads, now], floor=CLEARANCE)).stepper
-    state = stepper.start()
-    for time in range(1, len(loads) + 1):
-        state = stepper.reach(state, float(time), lambda row: None).state
-    problem = stepper.reach(state, len(loads) + 1.0, lambda row: None).problem
+    loads, reaction, jumps = WAYS[way]
+    problem, state = last_of(CLEARANCE, *loads)
     answer = 2 * np.array([reaction[1], -reaction[0]]) / problem.surface.W  # twice the node's share, see above
 
     def led_to(p: Array, w: Array) -> tuple[Start | None, bool]:
@@ -170,11 +180,9 @@ def test_the_answer_that_the_state_before_leads_to_is_the_one_of_growing_loads(
     assert led_to(*wrong)[0] is not None
 
 
-def test_no_path_is_followed_to_an_answer_in_the_piece_of_the_state(tmp_path: Path) -> None:
+def test_no_path_is_followed_to_an_answer_in_the_piece_of_the_state() -> None:
     """Open before and now: what is found is taken as it is, were it wrong."""
-    stepper = prepare(scene_of(3.0, tmp_path, [[0.0, -0.01], [0.0, -0.02]], floor=CLEARANCE - 0.2)).stepper
-    state = stepper.reach(stepper.start(), 1.0, lambda row: None).state
-    problem = stepper.reach(state, 2.0, lambda row: None).problem
+    problem, state = last_of(CLEARANCE - 0.2, (0.0, -0.01), (0.0, -0.02))
     for by, led in ((0.0, False), (2.0, True)):  # as if it were closed
         w, none = by * problem.gap, np.zeros(problem.surface.size)
         found = Solution(p=0 * w + 1e-3, w=w, u_c=none, status=Status.CONVERGED, residual=0.0, history=())
