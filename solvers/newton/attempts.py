@@ -193,11 +193,11 @@ class Attempts(Driver):
     """The attempts so far, and the best iterate of all of them; its u_c is `u` of the bodies.
 
     Where all laws are piecewise linear the next iterate of plain Newton depends on the active set alone: it arrives, or
-    comes back to where it was and cycles from there on; where it was near to a solution, and then lacks more than all
-    tractions, it ends. A damped attempt looks for the length of its steps by a line
-    search, and adds a proximal term to the laws, see `ActiveSet.proximal`: it fades out with the residual, and tenfold
-    with each full step; short ones bring it back. From near a solution it begins as plain Newton, up to the first
-    larger residual; where that is as large as all tractions it goes back to the iterate before.
+    comes back to where it was and cycles from there on. Where a plain attempt was near to a solution, and then lacks
+    more than all tractions, it ends. A damped attempt looks for the length of its steps by a line search, and adds a
+    proximal term to the laws, see `ActiveSet.proximal`: it fades out with the residual, and tenfold with each full
+    step; short ones bring it back. From near a solution it begins as plain Newton, up to the first larger residual;
+    where that is as large as all tractions it goes back to the iterate before.
 
     Source: Levenberg, Quart. Appl. Math. 2 (1944), and Marquardt, SIAM J. 11 (1963), of the term.
     """

@@ -23,33 +23,15 @@ from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import QUICK, Iterate, Stall
-from stickslip.solvers.laws.law import Dragged, FrictionLaw, NormalLaw, Trial
+from stickslip.solvers.laws.law import Dragged, FrictionLaw, Trial
+from stickslip.solvers.laws.normal import Unilateral
+from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.attempts import ATTEMPT, NEAR, Attempts, Bodies, LineSearch, Start, closed
 
 SOFT = 0.03  # stiffness of contact at the first point, times the flexibility of a point [-]
 NEARLY = 0.95  # of the way to where a pressure or a gap is zero
 FALL = 0.05  # of tau in a step, at most [-]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pressed(NormalLaw):
-    """A point that presses, and gives way in proportion."""
-
-    softness: Array  # (m,) [m/Pa]
-
-    @property
-    def give(self) -> Array:
-        return self.softness
-
-    def resolvent(self, p_hat: Array, gamma: Array) -> Array:
-        return p_hat / (1 + gamma * self.softness)
-
-    def stiffness(self, p: Array, p_hat: Array) -> Array:
-        return np.full_like(p, np.inf)
-
-    def penetration(self, p: Array) -> Array:
-        return self.softness * p
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,32 +73,33 @@ class Point:
 
 
 def inner_starts(attempts: Attempts) -> Iterator[Start]:
-    """Where the way leads floating bodies; of several solutions of held ones it may find another than theirs."""
+    """Where the way leads floating bodies; of the solutions of held ones it may find another than the history does."""
     return way(attempts) if attempts.problem.surface.floating else iter(())
 
 
 def way(attempts: Attempts) -> Iterator[Start]:
-    """Where the way leads; none where nothing is known of the bodies, nothing pushes, or all contacts hold."""
-    problem, number = attempts.problem, attempts.history[-1].iteration if attempts.history else 0
-    presses = np.concatenate([np.full(len(c.W_n), c.normal.sides == 1) for c in problem.cone.contacts])
+    """Where the way leads, if near; none where nothing is known of bodies, nothing pushes, or no point only presses."""
+    problem, presses = attempts.problem, np.zeros(attempts.problem.surface.normal_rows, bool)
+    for place in problem.cone.places:
+        presses[place.normal] = place.rows.normal.sides == 1
     if problem.give is None or problem.p_ref == 0 or not presses.any():
         return
-    found = attempts.run(inner(attempts, problem.give, presses, number))
+    found = attempts.run(inner(attempts, problem.give, presses))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
 
 
-def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Iterator[Iterate]:
+def inner(attempts: Attempts, give: Array, presses: Bools) -> Iterator[Iterate]:
     """Iterates of the way, projected, up to a slight residual, or up to where p y stays as large as it is.
 
     Args:
         attempts: those so far, at a problem of the bodies.
         give: see `SurfaceProblem.give`.
         presses: (normal rows,) whether a point only presses.
-        number: of the iteration before.
     """
     n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2)
+    number = attempts.history[-1].iteration if attempts.history else 0
     try:
         x, fall, lacks = first(attempts.problem, attempts.bodies, give, presses), 0.5, 1.0
         for k in range(number + 1, number + ATTEMPT):
@@ -128,9 +111,9 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
             posed, trial = on_the_way(problem, x, tau)
             p, u = attempts.bodies.solve(linearise(posed, trial, gamma), x.p, x.u)
             w = attempts.bodies.relative(p, u)
-            y = np.where(presses, tau / x.p[:n] + x.y * (1 - p[:n] / x.p[:n]), x.y)
-            lost = np.concatenate([1 - p[:n] / x.p[:n], 1 - y / x.y])[np.tile(presses, 2)].max()
-            share = NEARLY / max(NEARLY, lost)
+            old = np.where(presses, x.p[:n], np.inf)
+            y = tau / old + x.y * (1 - p[:n] / old)  # it stays where points do not only press
+            share = NEARLY / max(NEARLY, (1 - p[:n] / old)[presses].max(), (1 - y / x.y).max())
             to = x.towards(p, w, u, y, share)
             share *= LineSearch(posed, gamma)(x.p, x.w, to.p, to.w)
             x = x.towards(p, w, u, y, share)
@@ -139,8 +122,9 @@ def inner(attempts: Attempts, give: Array, presses: Bools, number: int) -> Itera
             hat[:n] = np.where(presses, x.p[:n] + gamma[:n] * (problem.cone.give(x.p)[:n] - x.y), hat[:n])
             found = attempts.judged(k, problem.project(hat, gamma), x.w, x.u)
             off = np.abs(found.p - x.p).max() / problem.scales.of_tractions(x.p)  # from those that w belongs to
-            yield (found := replace(found, residual=max(found.residual, off, lacks)))
-            if share > 0.5 and found.residual <= SLIGHT:
+            residual = max(found.residual, off, lacks)
+            yield replace(found, residual=residual, enough=False)  # strained bodies may lack more at first
+            if share > 0.5 and residual <= SLIGHT:
                 return
     except np.linalg.LinAlgError:
         return
@@ -177,7 +161,7 @@ def on_the_way(problem: SurfaceProblem, x: Point, tau: float) -> tuple[SurfacePr
             gap[n] += enters[n] - softness * p - tau / p - y
             softness = softness + y / p
             trial[n] = p * (1 + problem.gamma[n] * softness)
-            rows = replace(rows, normal=Pressed(softness=softness))
+            rows = replace(rows, normal=Worn(of=Unilateral(), softness=softness))
         if friction is not None:
             trial[t] += HALF_DIGITS * problem.p_ref  # rest has no direction
             rows = replace(rows, friction=Rounded(cone=cone, place=place, tau=tau, k_T=friction.k_T))

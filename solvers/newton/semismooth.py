@@ -52,10 +52,10 @@ class SemismoothNewton:
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
-    best iterate on, see `Attempts`. Then come an interior point, see `interior_point`; soft contact, see `soft_start`,
-    from which floating bodies settle, see `settling`; other trial tractions; the ends of paths, see `path`; and
-    solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of this costs a volume solve
-    but starts whose displacement is not known.
+    best iterate on, see `Attempts`. Then come, of floating bodies, an interior point, see `interior_point`; soft
+    contact, see `soft_start`, from which floating bodies settle, see `settling`; other trial tractions; the ends of
+    paths, see `path`; and solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of
+    this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -115,8 +115,9 @@ def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
     before = attempts.best, attempts.problem
     for start in inner_starts(attempts):
         yield start, None
-    if not attempts.over:
-        attempts.best, attempts.problem = before  # however small residuals are on the way: where it fails, it is far
+    if attempts.over:
+        return
+    attempts.best, attempts.problem = before  # residuals are small on the way, however far it is where it fails
     for start in soft_starts(attempts):
         for place in settled(attempts, start):
             yield place, None

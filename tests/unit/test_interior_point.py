@@ -190,6 +190,12 @@ def test_the_way_goes_on_as_long_as_tau_falls(monkeypatch: pytest.MonkeyPatch) -
     assert len(attempt.history) > QUICK
 
 
+def test_nothing_follows_where_iterations_run_out_on_the_way() -> None:
+    problem = surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
+    found = CondensedNewton(rtol=1e-12, max_it=6)(problem, np.zeros(problem.cone.size))
+    assert (found.status, found.iterations) == (Status.MAX_IT, 6)
+
+
 def test_only_floating_bodies_are_led() -> None:
     problems = problem_of(2, "unilateral", "coulomb"), floating()
     found = [list(inner_starts(Attempts(x, Bodies(x), 1e-8, 100))) for x in problems]

@@ -447,11 +447,11 @@ def test_starts_come_in_their_order(order: Callable[..., list[Any]]) -> None:
     assert found == [*first, *soft(tried), *rest]
     assert (tried.problem, tried.follows) == (PROBLEM, False)
     tried, *found = order(p, over=True)
-    assert found == [*first, *soft(tried)]
+    assert found == [*first, soft(tried)[0]]
     tried, *found = order(p, stalled=True)
     damped = (("again", PROBLEM, tried.best), FIRM[0])
     assert found[:4] == [first[0], damped, first[1], damped]
-    assert len(order(p, stalled=True, best=None, over=True)) == 6
+    assert len(order(p, stalled=True, best=None, over=True)) == 4
 
 
 @pytest.mark.parametrize("pressed", [0.0, 1.0])
