@@ -12,6 +12,7 @@ Methods Softw. 39 (2024), of friction.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -84,6 +85,7 @@ def way(attempts: Attempts) -> Iterator[Start]:
         presses[place.normal] = place.rows.normal.sides == 1
     if problem.give is None or problem.p_ref == 0 or not presses.any():
         return
+    attempts.problem = replace(problem, touch=copy(problem.touch))  # it remembers where it was asked
     found = attempts.run(inner(attempts, problem.give, presses))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)

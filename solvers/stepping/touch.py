@@ -251,13 +251,12 @@ class Touch:
         if not np.any(before != problem.gap):  # slip has counted from the beginning
             return gap
         which = (p[: problem.surface.normal_rows] > 0).tobytes()
-        known = self.tried.setdefault(which, [])
-        known.append((gap, change))
+        known = [*self.tried.get(which, []), (gap, change)]
         # on the way the iterate moves too; later as many tell of touch as rows change: before them friction was other
         del known[: -2 if self.on_the_way else -1 - int(heard.sum())]
         gaps, changes = (np.array(each) for each in zip(*known, strict=True))
         sizes = np.abs(changes).max(axis=1)
-        self.sizes.append(float(sizes[-1]))
+        self.tried, self.sizes = self.tried | {which: known}, [*self.sizes, float(sizes[-1])]  # copies keep their own
         if self.on_the_way:
             falls = len(known) == 1 or sizes[-1] <= sizes[-2] / 2
         else:

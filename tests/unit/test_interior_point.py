@@ -190,6 +190,21 @@ def test_the_way_goes_on_as_long_as_tau_falls(monkeypatch: pytest.MonkeyPatch) -
     assert len(attempt.history) > QUICK
 
 
+def test_what_follows_does_not_know_where_points_touched_on_the_way() -> None:
+    class Asked:
+        times = 0
+
+        def __call__(self, p: Array, w: Array, gap: Array) -> Array:
+            self.times += 1
+            return gap
+
+    problem = replace(problem_of(2, "unilateral", "coulomb"), touch=Asked())
+    attempt = Attempts(problem, Bodies(problem), 1e-8, 100)
+    attempt.follows = True
+    assert list(way(attempt))
+    assert [x.touch.times > 0 for x in (problem, attempt.problem)] == [False, True]
+
+
 def test_nothing_follows_where_iterations_run_out_on_the_way() -> None:
     problem = surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
     found = CondensedNewton(rtol=1e-12, max_it=6)(problem, np.zeros(problem.cone.size))
