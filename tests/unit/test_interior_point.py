@@ -206,7 +206,7 @@ def test_what_follows_does_not_know_where_points_touched_on_the_way() -> None:
 
 
 def test_nothing_follows_where_iterations_run_out_on_the_way() -> None:
-    problem = surface_problem(prepare(scene_of(base=BASE, loads=PULLED)))
+    problem = floating()
     found = CondensedNewton(rtol=1e-12, max_it=6)(problem, np.zeros(problem.cone.size))
     assert (found.status, found.iterations) == (Status.MAX_IT, 6)
 
