@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -51,6 +51,13 @@ REFERENCE = "condensed-newton"
 SOFTER = {"upper": {"E": 2.0, "nu": 0.1}, "lower": {"E": 1.0, "nu": 0.3}}
 
 
+@cache
+def made(family: Any, name: str | None) -> Any:
+    """The law of that name with the parameters of its cells; None has none."""
+    values = NORMAL if family is NormalLaw else FRICTION
+    return name and next(law for law in family.kinds if law.law == name)(**values.get(name, {}))
+
+
 @dataclass(frozen=True)
 class Cell:
     method: str
@@ -71,9 +78,7 @@ class Cell:
     @property
     def exists(self) -> bool:
         """Whether there is such a scene, by any method."""
-        kinds = {law.law: law(**NORMAL.get(law.law, {})) for law in NormalLaw.kinds}
-        frictions = {law.law: law(**FRICTION[law.law]) for law in FrictionLaw.kinds}
-        normal, friction = kinds[self.normal], frictions.get(self.friction)
+        normal, friction = made(NormalLaw, self.normal), made(FrictionLaw, self.friction)
         if self.operator in FACETS.values() and self.operator != FACETS[self.dim]:
             return False
         if friction is not None and (normal.ties or friction.refuses(normal)):
