@@ -10,8 +10,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -80,6 +78,9 @@ def connected(size: int, i: Ints, j: Ints) -> Ints:
     >>> connected(4, np.array([0, 3]), np.array([2, 1])).tolist()
     [0, 1, 0, 1]
     """
+    from scipy import sparse  # late: a file of a user is read without it
+    from scipy.sparse.csgraph import connected_components
+
     graph = sparse.coo_matrix((np.ones(len(i), bool), (i, j)), shape=(size, size))
     return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import sparse
 
 from stickslip.geometry.arrays import ROUNDING, Array, Bools, Ints
 from stickslip.geometry.protocols import Gmsh
@@ -157,6 +156,8 @@ def sharp(at: Array, pairs: Ints, normals: Array, ridges: Array, centres: Array,
     middle = np.flatnonzero((at > SMOOTH) & ~found)
     if not len(middle):
         return found
+    from scipy import sparse  # late: a file of a user is read without it
+
     facet, place = np.nonzero(facets >= 0)
     has = sparse.csr_matrix((np.ones(len(facet)), (facet, facets[facet, place])))
     bends = np.zeros(len(middle))

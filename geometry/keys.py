@@ -15,7 +15,7 @@ from functools import cache, reduce, wraps
 from inspect import get_annotations, signature
 from operator import or_
 from pathlib import Path
-from types import UnionType
+from types import MappingProxyType, UnionType
 from typing import (
     Annotated,
     Any,
@@ -220,9 +220,15 @@ def plain(value: Any) -> Any:
 
 
 @cache
+def type_hints(kind: Any) -> Mapping[str, Any]:
+    """Types of the fields of a class, or of the arguments of a function, with their keys; read once."""
+    return MappingProxyType(get_type_hints(kind, include_extras=True))
+
+
+@cache
 def _adapter(kind: Any, added: frozenset[str]) -> TypeAdapter[Any]:
     """Checks the values of a dataclass by name, those of added keys too; made again when there are more of these."""
-    hints = get_type_hints(kind, include_extras=True)
+    hints = type_hints(kind)
     optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
     table = {f.name: _OPTIONAL[hints[f.name]] if f.name in optional else hints[f.name] for f in fields(kind)}
     table |= {key: _OPTIONAL[kind.added()[key] | None] for key in added}
@@ -274,7 +280,7 @@ def typed(act: Callable[Given, Returned]) -> Callable[Given, Returned]:
 
     @wraps(act)
     def checked(*args: Given.args, **values: Given.kwargs) -> Returned:
-        hints = get_type_hints(act)
+        hints = type_hints(act)
         for name, value in signature(act).bind(*args, **values).arguments.items():
             if not _fits(value, hints[name]):
                 words = re.sub(r"<class '|'>|\w+\.", "", str(hints[name]))
@@ -418,7 +424,7 @@ def _keys_at(kind: Any, data: Any, path: Sequence[str]) -> dict[str, Any]:
         kind = kind.kind_of(data)
     if not (isinstance(kind, type) and issubclass(kind, Noun) and is_dataclass(kind)):
         return {}
-    hints = get_type_hints(kind, include_extras=True)
+    hints = type_hints(kind)
     names = {f.name.rstrip("_"): hints[f.name] for f in fields(kind)} | dict(kind.added())
     return _keys_at(names[path[0]], data[path[0]], path[1:]) if path else names
 

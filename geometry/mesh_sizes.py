@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq
 
 from stickslip.geometry.arrays import EXACT, ROUNDING, TINY, Array, Ints
 from stickslip.geometry.protocols import Gmsh
@@ -116,6 +115,8 @@ def graded(length: float, fine: float, coarse: float, ends: int) -> tuple[int, f
     Returns:
         The coefficient is the ratio of neighbouring cells, or gmsh's bump coefficient if both ends are fine.
     """
+    from scipy.optimize import brentq  # late: it loads much else
+
     part = length / ends
     if part <= fine:
         return ends, 1.0

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, cast
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from stickslip.geometry.arrays import LAST_DIGITS, Array, Ints, cross
 from stickslip.geometry.curved_facets import Bulging, find_bulging, find_edges
@@ -39,6 +38,8 @@ class Turn:
 
     def matrix(self, dim: int) -> Array:
         """By which displacements turn (d, d)."""
+        from scipy.spatial.transform import Rotation  # late: it loads much else
+
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         found = Rotation.from_rotvec(np.radians(self.angle) * axis).as_matrix()
         found[np.abs(found) < LAST_DIGITS] = 0.0  # of right angles

@@ -8,7 +8,6 @@ from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, STEPS, TINY, Array, Ints
 from stickslip.geometry.curved_facets import curved, edge_middles, normals_of
@@ -332,6 +331,8 @@ def _curved_face(
     known = corners.shape[1] != dim + 1 or gmsh.model.getType(dim, tag) in KNOWN
     if known or (dim, tag) not in gmsh.model.occ.getEntities(dim):
         return None, None, 0.0
+
+    from scipy.spatial import cKDTree  # late: it loads much else
 
     _, nodes, at = gmsh.model.mesh.getNodes(dim, tag, includeBoundary=True)
     _, place = cKDTree(unit * np.reshape(nodes, (-1, 3))).query(corners)

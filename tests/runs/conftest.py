@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from shared.cases import often
 from shared.command import LIMIT, Start
@@ -21,6 +22,7 @@ from stickslip.workflows.run.watch import Watch
 from stickslip.workflows.scene_file.read import READY, read
 
 Spoken = tuple[int, str, str]  # exit code, standard output, standard error
+COMMANDS = get_command(app)  # calling `app` makes it again each time
 
 
 @pytest.fixture
@@ -36,7 +38,7 @@ def call(folder: Path, capfd: pytest.CaptureFixture[str]) -> Callable[..., Spoke
 
     def act(*words: str) -> Spoken:
         capfd.readouterr()
-        code = guarded(lambda: app(list(words), standalone_mode=False))
+        code = guarded(lambda: COMMANDS(list(words), standalone_mode=False))
         return code, *capfd.readouterr()
 
     return act

@@ -26,6 +26,7 @@ from stickslip.solvers.scene.scene import Scene
 from stickslip.solvers.stepping.stepper import NoEquilibriumError, StepError
 from stickslip.workflows.cost.pictures import draw_methods
 from stickslip.workflows.formats.results import read_results
+from stickslip.workflows.lab.verification.hard import judge as judging
 from stickslip.workflows.lab.verification.hard.judge import Outcome, judge
 from stickslip.workflows.lab.verification.hard.tables import toml
 from stickslip.workflows.lab.verification.prepared import prepare
@@ -237,6 +238,7 @@ BEYOND_DIGITS = {
     "contrast of 1e15, floating": (
         "two_blocks",
         [
+            *coarse("two_blocks"),
             "bodies.upper.E=1e15",
             "supports={base={boundary='lower.bottom',displacement={x=0.0,y=0.0}}}",
             "loads.top={boundary='upper.top',force=[[[0,0],[1,0],[2,0.01]],[[0,0],[1,-0.1]]]}",
@@ -251,10 +253,9 @@ BEYOND_DIGITS = {
 def test_forces_are_right_where_stresses_are_below_the_last_digit_of_the_displacement(case: str) -> None:
     """The stiff body moves by 1e-4 m and more, and bends by 1e-15 m: the run solves it, and is doubtful."""
     name, overrides, contact, force = BEYOND_DIGITS[case]
-    verdict = next(judge(read(name, overrides)))
-    assert verdict.outcome is Outcome.DOUBTFUL
-    assert "rounding is" in verdict.reason
-    assert_allclose(solved(name, overrides).contacts[contact].normal_force, force, rtol=1e-9)
+    found = judging.solve(read(name, overrides))
+    assert any("rounding is" in complaint for complaint in found.complaints)
+    assert_allclose(found.steps[-1].contacts[contact].normal_force, force, rtol=1e-9)
 
 
 def test_blocks_with_next_to_no_friction_rest_until_they_are_tilted() -> None:

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from stickslip.geometry.builders import Builder
 from stickslip.geometry.errors import FolderError, GeometryError, Mistakes, SceneError, nearest, require, shortened
-from stickslip.geometry.keys import adapter, parse, typed
+from stickslip.geometry.keys import adapter, parse, type_hints, typed
 from stickslip.geometry.shape import Model
 from stickslip.geometry.units import SI, Units
 from stickslip.geometry.user_files.open_file import kind_of
@@ -179,7 +179,7 @@ def title_of(path: Path) -> str:
 
 def kinds_of_keys() -> dict[str, Any]:
     """Type of every key of a scene; [solver] has the keys of all methods."""
-    return get_type_hints(Scene, include_extras=True) | {"solver": Solver}
+    return {**type_hints(Scene), "solver": Solver}
 
 
 def from_dict(data: Mapping[str, Any], folder: Path | None = None) -> Scene:

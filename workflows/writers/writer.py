@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from inspect import isabstract
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_type_hints
+from typing import Any, ClassVar, TypeVar
 
 from stickslip.geometry.errors import nearest, require
-from stickslip.geometry.keys import Noun
+from stickslip.geometry.keys import Noun, type_hints
 from stickslip.geometry.protocols import Comm
 from stickslip.solvers.accuracy.budget import Coarser
 from stickslip.solvers.results.step_result import Errors, MeshData, StepResult
@@ -165,9 +165,7 @@ def added_keys() -> dict[str, type[Keys]]:
 
 def _types_and_defaults() -> dict[str, tuple[Any, Any]]:
     """Type and default of each key that a writer adds."""
-    added = added_keys()
-    hints = {kind: get_type_hints(kind, include_extras=True) for kind in added.values()}
-    return {key: (hints[kind][key], getattr(kind(), key)) for key, kind in added.items()}
+    return {key: (type_hints(kind)[key], getattr(kind(), key)) for key, kind in added_keys().items()}
 
 
 Output.of_writers = staticmethod(_types_and_defaults)
