@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.linalg import cho_solve
 
 from stickslip.geometry.arrays import EXACT, ROUNDING, Array
+from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.schur_complement import CondensedSurface, RowStiffness
 from stickslip.solvers.newton.active_set import ActiveSet
@@ -110,16 +111,18 @@ def by_tractions(
         laws = laws.without_springs()
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
-    on_springs = abs(laws.A_p) @ spring.astype(float) > 0  # slip whose pressure is that of a spring
+    on_springs = spring  # slip whose pressure is that of a spring
+    if spring.any():
+        on_springs = abs(laws.A_p) @ spring.astype(float) > 0
     unknown = (~laws.given | on_springs) & ~spring
     x = np.flatnonzero(unknown)
-    follow = sparse.diags((~unknown & ~spring).astype(float)) @ (sparse.eye(rows, format="csr") - laws.A_p)
-    E = (follow + sparse.eye(rows, format="csr"))[:, x]
+    own_rows = np.ones(len(x)), np.arange(len(x)), np.append(0, np.cumsum(unknown))
+    E = sparse.csr_matrix(own_rows, (rows, len(x))) - _scaled((~unknown & ~spring).astype(float), laws.A_p[:, x])
     p_0 = np.where(unknown, 0.0, laws.rhs) + k * problem.offset  # of springs, rhs = p_0 - k gap
-    B = sparse.csr_matrix(N.T @ sparse.diags(W) @ E)  # (c, x)
-    A_p = laws.A_p[x]
-    A_u = (laws.A_w[x] + A_p @ sparse.diags(k)) @ N
-    right = laws.rhs[x] - A_p @ p_0 - laws.A_w[x] @ problem.offset
+    B = sparse.csr_matrix(_scaled(W, N).T @ E)  # (c, x)
+    A_p, A_w = laws.A_p[x], laws.A_w[x]
+    A_u = (A_w + A_p @ sparse.diags(k) if spring.any() else A_w) @ N
+    right = laws.rhs[x] - A_p @ p_0 - A_w @ problem.offset
     f, of_springs = problem.load.f_c - N.T @ (W * p_0), np.zeros_like(R)
     if spring.any():
         tangent = N.T @ sparse.diags(W * k) @ N
@@ -132,7 +135,7 @@ def by_tractions(
         coupling, balance = A_u @ Y, (B.T @ R - Y.T @ of_springs).T
     else:
         Z, u_0 = R, surface.flexibility @ f
-        coupling, balance = surface.coupling(laws.A_w[x], sparse.diags(W) @ E), R.T @ B
+        coupling, balance = surface.coupling(A_w, _scaled(W, E)), R.T @ B
     # u = u_0 - Y x + Z b with b = R^T u, which is the same as balance: R^T (f - B x - tangent u) = 0
     own, carried = of_springs.T @ Z, R.T @ f - of_springs.T @ u_0
     if springs is not None and rest is not None:
@@ -142,6 +145,13 @@ def by_tractions(
     moved_by = Y @ tractions if spring.any() else surface.flexibility @ (B @ tractions)
     u_c = u_0 - moved_by + Z @ b
     return p_0 + k * (N @ u_c) + E @ tractions, u_c
+
+
+def _scaled(factor: Array, matrix: Sparse) -> Sparse:
+    """diag(factor) M of a matrix of rows (r, n), without the product of two sparse matrices."""
+    found = sparse.csr_matrix(matrix, copy=True)
+    found.data *= np.repeat(factor, np.diff(found.indptr))
+    return found
 
 
 def saddle_point(A: Array, B: Array, C: Array, D: Array, f: Array, g: Array) -> tuple[Array, Array]:
