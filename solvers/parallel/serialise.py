@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from itertools import repeat
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -16,6 +17,7 @@ from stickslip.geometry.protocols import Comm
 Plain = Any  # a dict with words as keys, a list, a word, a number, None, an array, or values by node
 T = TypeVar("T")
 WORDS = (str, bool, int, float, NoneType)
+_type_hints = cache(get_type_hints)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ def _value(kind: Any, plain: Plain, vector: Callable[[ByNode], object] | None, *
         assert vector is not None
         return vector(plain)
     if is_dataclass(kind) and isinstance(kind, type):
-        hints = get_type_hints(kind)
+        hints = _type_hints(kind)
         names = [f.name for f in fields(kind) if f.init and f.name not in given]
         return kind(**{name: _value(hints[name], plain[name], vector) for name in names}, **given)
     origin, inner = get_origin(kind), get_args(kind)
@@ -103,7 +105,7 @@ def _value(kind: Any, plain: Plain, vector: Callable[[ByNode], object] | None, *
         of = inner[1] if inner else Any
         return {key: _value(of, item, vector) for key, item in plain.items()}
     if isinstance(plain, list) and isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
-        hints = get_type_hints(kind)
+        hints = _type_hints(kind)
         if len(plain) != len(hints):
             raise KeyError(f"{kind.__name__} has {len(hints)} fields, not {len(plain)}")
         return kind(*(_value(hint, item, vector) for hint, item in zip(hints.values(), plain, strict=True)))

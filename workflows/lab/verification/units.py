@@ -4,10 +4,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from operator import mul
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args
 
 from stickslip import Key, Scene, SceneError
 from stickslip.geometry.expression import check_varying
+from stickslip.geometry.keys import type_hints
 
 Noun = TypeVar("Noun")
 POWER = re.compile(r"([A-Za-z]+)(?:([²³])|\^(\w+))?")
@@ -67,14 +68,15 @@ def millimetres(scene: Scene) -> Units:
 
 def convert(noun: Noun, units: Units, labels: Mapping[str, str] | None = None) -> Noun:
     """The dataclass with every number in other units, and every dataclass within it; `labels` name them in a scene."""
-    hints, changed = get_type_hints(type(noun), include_extras=True), dict[str, Any]()
+    changed = dict[str, Any]()
     for field in fields(noun):  # type: ignore[arg-type]
-        unit = next((m.unit for m in getattr(hints[field.name], "__metadata__", ()) if isinstance(m, Key)), "-")
+        hint = type_hints(type(noun))[field.name]
+        unit = next((m.unit for m in getattr(hint, "__metadata__", ()) if isinstance(m, Key)), "-")
         value, columns = getattr(noun, field.name), unit.split(", ")
         if len(columns) > 1:  # a table
             changed[field.name] = tuple(tuple(map(mul, row, map(units.factor, columns))) for row in value)
             continue
-        if get_type_hints(type(noun))[field.name] == tuple[tuple[float, ...], ...]:  # places and heights, alike
+        if tuple[tuple[float, ...], ...] in (hint, *get_args(hint)[:1]):  # places and heights, alike
             changed[field.name] = tuple(tuple(number * units.factor(unit, noun) for number in row) for row in value)
             continue
         changed[field.name] = _scaled(value, units.factor(unit, noun), units)
