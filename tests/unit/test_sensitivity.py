@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,19 @@ def numbers(scene: Scene, edges: Sequence[MovingEdges] = ()) -> tuple[list[dict[
     return [quantities(step) | each(step) for step, each in zip(steps, every, strict=True)], [*every]
 
 
+SIZE = 1e-5  # of a number, by which it differs: the sets do not change
+Numbers = list[dict[Quantity, Any]]
+
+
+@cache
+def beside(name: str) -> tuple[Numbers, dict[str, tuple[Numbers, Numbers]]]:
+    """The numbers of a scene, and for each of its keys those of the scenes on both sides, whatever form is tested."""
+    scene, keys = SCENES[name]
+    own, edges = numbers(scene)
+    below, above = ({key: numbers(scaled(scene, key, 1 + size), edges)[0] for key in keys} for size in (-SIZE, SIZE))
+    return own, {key: (below[key], above[key]) for key in keys}
+
+
 ITERATIVE = ("order 1", "bolts", "3D", "points that slide", "a body that friction holds", "sphere", "shaft")
 
 
@@ -169,10 +183,9 @@ def test_derivatives_are_the_differences_of_two_runs(name: str, form: str) -> No
     asking = replace(scene, sensitivity=Sensitivity(parameters=keys))
     simulation, steps = solved(with_keys(asking, {"solver.surface": form} if form else {}))
     assert isinstance(simulation.stepper.surface, CondensedSurface) != bool(form)
-    (own, edges), known = numbers(scene), scene.parameters()
+    (own, sides), known = beside(name), scene.parameters()
     for key in keys:
-        size = 1e-5  # of the number: the sets do not change
-        below, above = (numbers(scaled(scene, key, 1 + sign * size), edges)[0] for sign in (-1, 1))
+        below, above = sides[key]
         for step, mine, low, high in zip(steps, own, below, above, strict=True):
             assert len(step.sensitivity) > 20
             units = {number_of(quantity).unit: [] for quantity in mine}
@@ -185,7 +198,7 @@ def test_derivatives_are_the_differences_of_two_runs(name: str, form: str) -> No
             for quantity, value in mine.items():
                 slope = step.sensitivity.get(str(quantity), {}).get(key, Slope()).value
                 if slope is not None and not np.isnan(value).any():  # an edge of a point that just sticks, by rounding
-                    true = (high[quantity] - low[quantity]) / (2 * size * known[key])
+                    true = (high[quantity] - low[quantity]) / (2 * SIZE * known[key])
                     floor = 5e-7 * max(units[number_of(quantity).unit]) / abs(known[key])
                     assert_allclose(slope, true, rtol=2e-6, atol=floor, err_msg=f"{quantity} by {key}")
 
