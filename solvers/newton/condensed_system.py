@@ -111,9 +111,7 @@ def by_tractions(
         laws = laws.without_springs()
     problem, N, W, R, k = laws.problem, surface.N, surface.W, surface.R, laws.k
     rows, spring = len(k), k > 0
-    on_springs = spring  # slip whose pressure is that of a spring
-    if spring.any():
-        on_springs = abs(laws.A_p) @ spring.astype(float) > 0
+    on_springs = abs(laws.A_p) @ spring.astype(float) > 0 if spring.any() else spring  # slip by a spring's pressure
     unknown = (~laws.given | on_springs) & ~spring
     x = np.flatnonzero(unknown)
     own_rows = np.ones(len(x)), np.arange(len(x)), np.append(0, np.cumsum(unknown))

@@ -122,19 +122,12 @@ def test_all_others_are_refused() -> None:
     assert [name for name in NAMES if not refusal(name)] == SOLVED
 
 
+LACKS = ("held by contact alone", "by a force", "no prescribed sliding, and no wear", "no graph", "one contact a side")
+
+
 @pytest.mark.parametrize("name", [name for name in NAMES if name not in SOLVED])
-def test_what_it_cannot_solve_is_refused_in_one_line(name: str) -> None:
+def test_what_it_cannot_solve_is_refused_in_one_line_for_what_it_lacks(name: str) -> None:
     said = refusal(name)
     assert "use condensed-newton" in said
     assert "\n" not in said
-
-
-def test_ready_scenes_are_refused_for_what_the_method_does_not_have() -> None:
-    lacks = (
-        "held by contact alone",
-        "by a force",
-        "no prescribed sliding, and no wear",
-        "no graph",
-        "one contact a side",
-    )
-    assert [said for said in map(refusal, NAMES) if said and not any(word in said for word in lacks)] == []
+    assert any(word in said for word in LACKS)
