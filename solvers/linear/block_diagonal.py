@@ -83,6 +83,14 @@ class BlockDiagonal:
         return BlockDiagonal(self.indices + added, self.blocks + (np.zeros((1, 1)),) * more)
 
     @property
+    def diagonal(self) -> Array:
+        """Diagonal (n,)."""
+        found = np.empty(len(self))
+        for index, block in zip(self.indices, self.blocks, strict=True):
+            found[index] = np.diag(block)
+        return found
+
+    @property
     def trace(self) -> float:
         """Sum of the diagonal."""
         return float(sum(np.trace(block) for block in self.blocks))

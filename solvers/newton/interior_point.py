@@ -3,7 +3,8 @@
 There a pressure p > 0 acts across what is left of a gap, y > 0, with p y = tau, and a traction |t| < s goes with the
 slip v = 2 tau t / (s^2 - |t|^2). Every motion is resisted, however the bodies float in their gaps, and these travel as
 tau falls: residuals, line searches and proximal terms hardly see that links of a chain have to move by their own
-thickness. A step is one of Newton's method, as long as p and y stay positive; y need not be the gap at first.
+thickness. A step is one of Newton's method, as long as p and y stay positive; y need not be the gap at first. The way
+begins near to where rigid bodies would rest, as far along as their pressures tell.
 
 Source: Mehrotra, SIAM J. Optim. 2 (1992), of steps and the fall of tau; Acary, Armand, Nguyen & Shpakovych, Optim.
 Methods Softw. 39 (2024), of friction.
@@ -18,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stickslip.geometry.arrays import CLOSE, HALF_DIGITS, ROUNDING, SLIGHT, TINY, Array, Bools
+from stickslip.geometry.arrays import HALF_DIGITS, ROUNDING, SLIGHT, TINY, Array, Bools
 from stickslip.geometry.protocols import Sparse
 from stickslip.solvers.contact.admissible_set import AdmissibleSet, ContactBlock
 from stickslip.solvers.contact.rows import ContactRows
@@ -28,9 +29,9 @@ from stickslip.solvers.laws.law import Dragged, FrictionLaw, Trial
 from stickslip.solvers.laws.normal import Unilateral
 from stickslip.solvers.laws.wear import Worn
 from stickslip.solvers.newton.active_set import linearise
-from stickslip.solvers.newton.attempts import ATTEMPT, NEAR, Attempts, Bodies, LineSearch, Start, closed
+from stickslip.solvers.newton.attempts import ATTEMPT, NEAR, Attempts, LineSearch, Start
 
-SOFT = 0.03  # stiffness of contact at the first point, times the flexibility of a point [-]
+BORDER = 0.1  # pressure between open and closed at the first point, of the largest one [-]
 NEARLY = 0.95  # of the way to where a pressure or a gap is zero
 FALL = 0.05  # of tau in a step, at most [-]
 
@@ -73,37 +74,36 @@ class Point:
         return Point(*(a + share * (b - a) for a, b in zip(at, to, strict=True)))
 
 
-def inner_starts(attempts: Attempts) -> Iterator[Start]:
-    """Where the way leads floating bodies; of the solutions of held ones it may find another than the history does."""
-    return way(attempts) if attempts.problem.surface.floating else iter(())
+def way(attempts: Attempts, rest: Start) -> Iterator[Start]:
+    """Where the way leads from `rest`, if near; none where no point only presses there.
 
-
-def way(attempts: Attempts) -> Iterator[Start]:
-    """Where the way leads, if near; none where nothing is known of bodies, nothing pushes, or no point only presses."""
+    Args:
+        attempts: those so far, at a problem of bodies that are known.
+        rest: a solution for rigid bodies.
+    """
     problem, presses = attempts.problem, np.zeros(attempts.problem.surface.normal_rows, bool)
     for place in problem.cone.places:
         presses[place.normal] = place.rows.normal.sides == 1
-    if problem.give is None or problem.p_ref == 0 or not presses.any():
+    if not rest.p[: len(presses)][presses].any():
         return
     attempts.problem = replace(problem, touch=copy(problem.touch))  # it remembers where it was asked
-    found = attempts.run(inner(attempts, problem.give, presses))
+    found = attempts.run(inner(attempts, first(problem, rest, presses), presses))
     if not attempts.over and found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
 
 
-def inner(attempts: Attempts, give: Array, presses: Bools) -> Iterator[Iterate]:
+def inner(attempts: Attempts, x: Point, presses: Bools) -> Iterator[Iterate]:
     """Iterates of the way, projected, up to a slight residual, or up to where p y stays as large as it is.
 
     Args:
         attempts: those so far, at a problem of the bodies.
-        give: see `SurfaceProblem.give`.
+        x: the first point.
         presses: (normal rows,) whether a point only presses.
     """
     n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2)
-    number = attempts.history[-1].iteration if attempts.history else 0
+    number, fall, lacks = attempts.history[-1].iteration if attempts.history else 0, 0.5, 1.0
     try:
-        x, fall, lacks = first(attempts.problem, attempts.bodies, give, presses), 0.5, 1.0
         for k in range(number + 1, number + ATTEMPT):
             problem, gamma = attempts.problem, attempts.problem.gamma
             mean = float((x.p[:n] * x.y)[presses].mean())
@@ -132,22 +132,21 @@ def inner(attempts: Attempts, give: Array, presses: Bools) -> Iterator[Iterate]:
         return
 
 
-def first(problem: SurfaceProblem, bodies: Bodies, give: Array, presses: Bools) -> Point:
-    """The first point: the bodies where they stood, under about the tractions of soft contact everywhere.
+def first(problem: SurfaceProblem, rest: Start, presses: Bools) -> Point:
+    """The first point: near to a solution for rigid bodies, with p - y / give as it is there, the more alike the less.
 
-    Raises:
-        LinAlgError: soft contact does not hold the bodies.
+    Args:
+        problem: of bodies whose `give` is known.
+        rest: the solution; points press there.
+        presses: (normal rows,) whether a point only presses.
     """
-    n, zero, stiffness = problem.surface.normal_rows, np.zeros_like(give), SOFT / give
-    before = problem.relative_displacement(problem.u_before)
-    touching = replace(problem, gap=np.concatenate([np.minimum(problem.gap, before)[:n], problem.gap[n:]]))
-    laws = linearise(touching, closed(problem), stiffness).proximal(zero, 1.0, stiffness, HALF_DIGITS)
-    p, u = bodies.solve(laws, zero, problem.u_before)
-    enters = float(np.maximum(bodies.relative(p, u) - problem.gap, 0.0)[:n][presses].max(initial=0.0))
-    p[n:] = 0.0
-    least = p[:n][presses].min(initial=0.0)  # soft contact may pull
-    p[:n] = np.where(presses, p[:n] - 1.5 * least + CLOSE * np.abs(p[:n]).max(initial=0.0), p[:n])
-    return Point(p=p, w=before, u=problem.u_before, y=np.maximum((problem.gap - before)[:n], enters or problem.u_ref))
+    assert problem.give is not None
+    n, give, w = len(presses), problem.give[: len(presses)], problem.relative_displacement(rest.u_c)
+    border = BORDER * np.abs(rest.p[:n][presses]).max()
+    apart = np.where(rest.p[:n] > 0, rest.p[:n], np.minimum((w - problem.gap)[:n], 0.0) / give)
+    between = (apart + np.sqrt(apart**2 + 4 * border**2)) / 2
+    p = np.concatenate([np.where(presses, between, rest.p[:n]), rest.p[n:]])
+    return Point(p=p, w=w, u=rest.u_c, y=border**2 * give / between)
 
 
 def on_the_way(problem: SurfaceProblem, x: Point, tau: float) -> tuple[SurfaceProblem, Array]:

@@ -39,7 +39,8 @@ from stickslip.solvers.newton.attempts import (
     other_starts,
 )
 from stickslip.solvers.newton.collapse import on_softer_springs
-from stickslip.solvers.newton.interior_point import inner_starts
+from stickslip.solvers.newton.interior_point import way
+from stickslip.solvers.newton.rigid_bodies import at_rest
 from stickslip.solvers.newton.settling import settled
 from stickslip.solvers.newton.soft_start import soft_starts
 
@@ -52,10 +53,10 @@ class SemismoothNewton:
 
     The active set (stick, slip, open) follows from the trial tractions p_hat = p + gamma (w - gap), gamma = E / depth.
     Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
-    best iterate on, see `Attempts`. Then come, of floating bodies, an interior point, see `interior_point`; soft
-    contact, see `soft_start`, from which floating bodies settle, see `settling`; other trial tractions; the ends of
-    paths, see `path`; and solutions with simpler laws, see `simpler_ends`, before the step counts as failed. None of
-    this costs a volume solve but starts whose displacement is not known.
+    best iterate on, see `Attempts`. Then come places where rigid bodies would rest, see `rigid_bodies`: of floating
+    bodies by an interior point that begins there, see `interior_point`, and they settle from there, see `settling`;
+    other trial tractions; the ends of paths, see `path`; and solutions with simpler laws, see `simpler_ends`, before
+    the step counts as failed. None of this costs a volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -107,18 +108,21 @@ class SemismoothNewton:
 
 
 def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
-    """Starts that an interior point leads to, soft contact, and where floating bodies settle from there.
+    """Where an interior point leads floating bodies from where rigid ones would rest, and where they settle from there.
+
+    Bodies that are held, or whose rest is not found, begin from soft contact: of the solutions of held ones an interior
+    point may find another than the history does.
 
     Args:
         attempts: those so far.
     """
-    before = attempts.best, attempts.problem
-    for start in inner_starts(attempts):
+    before, rest = (attempts.best, attempts.problem), at_rest(attempts)
+    for start in way(attempts, rest) if rest else ():
         yield start, None
     if attempts.over:
         return
     attempts.best, attempts.problem = before  # residuals are small on the way, however far it is where it fails
-    for start in soft_starts(attempts):
+    for start in [rest] if rest else soft_starts(attempts):
         for place in settled(attempts, start):
             yield place, None
         yield start, FIRM[0]

@@ -61,12 +61,13 @@ class OnSprings(Attempts):
                 return
 
 
-def settled(attempts: Attempts, start: Start) -> Iterator[Start]:
+def settled(attempts: Attempts, start: Start, most: int = 2 * ATTEMPT) -> Iterator[Start]:
     """Where floating bodies are, and come to, each time that they hardly change on softer springs, and at last.
 
     Args:
         attempts: those so far.
         start: where the bodies are.
+        most: iterations, about.
     """
     if not attempts.problem.surface.floating:
         return
@@ -74,7 +75,7 @@ def settled(attempts: Attempts, start: Start) -> Iterator[Start]:
     assert attempts.best is not None
     level, begun = 10 * FIRM[0] * min(1.0, attempts.best.residual), attempts.history[-1].iteration
     last, factor = begun, 100.0
-    while last < begun + 2 * ATTEMPT and LAST_DIGITS < level < 1:
+    while last < begun + most and LAST_DIGITS < level < 1:
         held = OnSprings(attempts, level, start.u_c)
         attempts.follows = False  # where points touch is told by bodies in balance
         attempts.run(held.settling(start, last))

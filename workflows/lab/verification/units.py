@@ -70,7 +70,7 @@ def convert(noun: Noun, units: Units, labels: Mapping[str, str] | None = None) -
     """The dataclass with every number in other units, and every dataclass within it; `labels` name them in a scene."""
     changed = dict[str, Any]()
     for field in fields(noun):  # type: ignore[arg-type]
-        hint = type_hints(type(noun))[field.name]
+        hint = type_hints(type(noun))[field.name]  # type: ignore[arg-type]
         unit = next((m.unit for m in getattr(hint, "__metadata__", ()) if isinstance(m, Key)), "-")
         value, columns = getattr(noun, field.name), unit.split(", ")
         if len(columns) > 1:  # a table
