@@ -615,7 +615,7 @@ LARGER = [("clevis", 0.2, 1.0, 1, 15), ("rings", 0.2, 1.0, 1, 14)]  # of their k
 
 @pytest.mark.parametrize(
     ("name", "mu", "coarser", "order", "most"),
-    [("clevis", 0.1, 2.0, 1, 25), ("ball", 0.1, 1.0, 1, 24), ("wedge", 0.2, 1.0, 1, 8),
+    [("clevis", 0.1, 2.0, 1, 14), ("ball", 0.1, 1.0, 1, 16), ("wedge", 0.2, 1.0, 1, 8),
      *(pytest.param(*row, marks=pytest.mark.slow) for row in LARGER)],
 )  # fmt: skip
 def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float, order: int, most: int) -> None:
@@ -625,8 +625,8 @@ def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float
 
 
 COARSE = {  # most iterations of the first step, and of further ones
-    "arch": (2, 1), "ball": (16, 6), "blade": (24, 18), "clevis": (20, 7),
-    "drum": (20, 18), "gears": (9, 2), "rings": (8, 4), "wedge": (6, 17),
+    "arch": (2, 1), "ball": (18, 6), "blade": (8, 12), "clevis": (14, 7), "drum": (20, 18),
+    "gears": (9, 2), "logs": (44, 2), "rings": (8, 4), "wedge": (6, 17),
 }  # fmt: skip
 
 
@@ -634,7 +634,8 @@ COARSE = {  # most iterations of the first step, and of further ones
 def test_coarse_copies_of_assemblies_have_answers(name: str, most: tuple[int, int]) -> None:
     """So few points touch that which stick decides nearly all; some pairs of skins have no point at all.
 
-    Of the blade points slip that rows press on which had no room from the beginning; gears hardly hold each other.
+    Of the blade points slip that rows press on which had no room from the beginning; gears hardly hold each other; logs
+    roll 200 000 times as far as they are deformed.
     """
     case = next(case for case in assemblies.copies([name]) if case.mu == 0.5)
     found = assemblies.measure(case)
@@ -651,7 +652,7 @@ def test_links_of_a_chain_turn_by_their_own_thickness_until_they_find_hold() -> 
     assert len(found["iterations"]) == 3
 
 
-@pytest.mark.parametrize(("name", "most"), [("clevis", (20, 18)), ("ball", (30, 20))])
+@pytest.mark.parametrize(("name", "most"), [("clevis", (14, 18)), ("ball", (16, 20))])
 def test_points_that_close_and_pairs_that_change_cost_little(name: str, most: tuple[int, int]) -> None:
     """Of the clevis points close in a further step; of the ball the first one ends with other pairs."""
     found = assemblies.measure(next(case for case in assemblies.copies([name]) if case.mu == 0.1))

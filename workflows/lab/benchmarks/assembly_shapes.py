@@ -204,6 +204,30 @@ def wall(draw: Drawing) -> Parts:
     return {"stone": stones, "ground": [draw.plate(-200, 2200, -200, 0)]}
 
 
+def logs(draw: Drawing) -> Parts:
+    """Two logs in a tray with .3 mm of room to each side and .4 mm between them, a third one on both; plane."""
+    tray = draw.cut(draw.plate(-25, 25, -5, 30), draw.plate(-20.5, 20.5, 0, 31))
+    places = [(-10.2, 10.0), (10.2, 10.0), (0.0, 10.0 + np.sqrt(20**2 - 10.2**2))]
+    return {"tray": [tray], "log": [(2, draw.occ.addDisk(x, y, 0, 10, 10)) for x, y in places]}
+
+
+def cone(draw: Drawing) -> Parts:
+    """A plug in a bush, both with a cone of 2.9 degrees, pushed into it."""
+    occ = draw.occ
+    bush = draw.cut(draw.rod(20, 0, 20), (3, occ.addCone(0, 0, -1, 0, 0, 24, 9.8, 12.2)))
+    return {"bush": [bush], "plug": [(3, occ.addCone(0, 0, -3.5, 0, 0, 28, 9.45, 12.25))]}
+
+
+def cross(draw: Drawing) -> Parts:
+    """The cross of a universal joint in two yokes, with .02 mm of clearance."""
+    occ = draw.occ
+    pins = draw.fuse(draw.rod(4, -16, 16), (3, occ.addCylinder(-16, 0, 0, 32, 0, 0, 4)))
+    lower = draw.fuse(*(draw.box(-6, 6, *yz) for yz in ((-8, 8, 8, 16), (-8, 8, -16, -8), (-24, -8, -16, 16))))
+    upper = draw.fuse(*(draw.box(*xy, -6, 6) for xy in ((8, 16, -8, 8), (-16, -8, -8, 8), (-16, 16, 8, 24))))
+    upper = draw.cut(upper, (3, occ.addCylinder(-30, 0, 0, 60, 0, 0, 4.02)))
+    return {"cross": [pins], "yoke": [draw.bored(lower, 4.02, [(0, 0)]), upper]}
+
+
 def build(model: Any, parameters: dict[str, Any]) -> None:
     """Draw the shape that the parameter `kind` names."""
     parts: Parts = globals()[parameters["kind"]](Drawing(model.occ))
