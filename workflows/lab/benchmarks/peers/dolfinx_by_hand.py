@@ -127,8 +127,7 @@ class Block:
         """SNES on the whole volume."""
         snes, options = PETSc.SNES().create(MPI.COMM_SELF), PETSc.Options("hand_")
         for key, value in (
-            {"snes_type": "newtonls", "snes_linesearch_type": "basic", "snes_divergence_tolerance": -1}
-            | SOLVERS[solver]
+            {"snes_type": "newtonls", "snes_linesearch_type": "bt", "snes_divergence_tolerance": -1} | SOLVERS[solver]
         ).items():
             options[key] = value
         snes.setOptionsPrefix("hand_")
