@@ -255,7 +255,7 @@ def test_dolfinx_by_hand_has_our_forces_up_to_its_penalty(tmp_path: Path, dim: i
 
 
 def test_two_plates_by_hand_have_our_bolt_load_up_to_their_penalty(tmp_path: Path) -> None:
-    problem, ladder = PROBLEMS["bolted_plates"], Ladder(program="dolfinx by hand, two bodies", cells="simplex")
+    problem, ladder = PROBLEMS["bolted_plates"], Ladder(program="dolfinx by hand, MUMPS", cells="simplex")
     penalty = replace(ladder, settings={"penalty": 1e4})
     found = time_to_accuracy._peer(problem, penalty, 4.0, tmp_path)
     *_, last = stickslip.steps(problem.on(1, "simplex", 4.0))

@@ -291,7 +291,9 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
             else:
                 closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
-                row["ladder"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
+                row["ladder"] = (
+                    f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed) or "does not tell it"
+                )
             yield row
 
 

@@ -119,7 +119,8 @@ def main(path: Path) -> dict[str, Any]:
         now.vec.FV().NumPy()[~free] = moved.vec.FV().NumPy()[~free]
         iterations = newton(form, now, free)
         p, t, sticks = contact(now)
-        normal, tangential, area = (ng.Integrate(value * ng.ds("base"), mesh) for value in (p, t, sticks))
+        parts = (p, sticks, *([t] if dim == 2 else [t[0], t[1]]))
+        normal, area, *tangential = (ng.Integrate(value * ng.ds("base"), mesh) for value in parts)
         steps.append(
             {
                 "iterations": iterations,

@@ -92,7 +92,8 @@ def write_bolted(scene: Scene, folder: Path) -> Path:
     """Write mesh and data of two plane bodies, upper and lower, and a bolt into a folder; the path of problem.json.
 
     mesh.npz has `points` (nodes, 2) [m], and for both bodies the `cells` and the nodes of `joint`, `washer` and `end`,
-    all by the body's name. The lower body's end is held, the upper one's is moved; `steps` are shortening and motion.
+    all by the body's name. The lower body's end is held, the upper one's is moved;
+    `motion` has the bolt's shortening and what moves that end, by step [m].
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_msh(scene.geometry, scene.request(), folder / "mesh.msh")
@@ -118,6 +119,7 @@ def write_bolted(scene: Scene, folder: Path) -> Path:
     data = (
         groups
         | {
+            "dim": 2,
             "order": scene.geometry.degree,
             "E": upper.E,  # [Pa]
             "nu": upper.nu,
@@ -125,9 +127,9 @@ def write_bolted(scene: Scene, folder: Path) -> Path:
             "height": float(np.ptp(points[sides["upper_end"], 1])),  # [m]
             "washer": float(np.ptp(points[sides["upper_washer"], 0])),  # [m]
             "stiffness": bolt.stiffness,  # [N/m per metre]
-            "steps": [
-                [_at(bolt.shortening, t, end), [_at(pulled[axis], t, end) for axis in AXES[:2]]] for t in times
-            ],  # [m]
+            "motion": [
+                [_at(bolt.shortening, t, end), *(_at(pulled[axis], t, end) for axis in AXES[:2])] for t in times
+            ],
         }
     )
     path = folder / "problem.json"
@@ -216,24 +218,6 @@ PROGRAMS = (
         needs="felupe",
         install="PyPI: felupe, in an environment results/peers",
         how="penalty at nodes, its rigid plane; SciPy's direct solver",
-        growth=(2.6, 6.0),
-        dims=(),
-    ),
-    Program(
-        name="dolfinx by hand, two bodies",
-        script="dolfinx_plates_by_hand.py",
-        needs="dolfinx",
-        install="is ours too",
-        how="penalty between opposite nodes; MUMPS",
-        growth=(2.6, 6.0),
-        dims=(),
-    ),
-    Program(
-        name="GetFEM, two bodies",
-        script="getfem_plates_peer.py",
-        needs="getfem",
-        install="Debian: python3-getfem",
-        how="augmented Lagrangian between two meshes; MUMPS",
         growth=(2.6, 6.0),
         dims=(),
     ),
