@@ -289,10 +289,14 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
                 error = abs(run["found"][goal] / truth[goal] - 1)
                 row |= run | {"ladder": curve.way, "times": run["seconds"] / hand, "error": error}
             else:
-                closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
+                closest = [
+                    run.get("stated", error) for curve in mine for _, error, run in curve.errors(goal, truth[goal])[-1:]
+                ]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
                 row["ladder"] = (
-                    f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed) or "does not tell it"
+                    f"ends at {'± ' * (maker == ROUNDS)}{100 * min(closest):.3g} %"
+                    if closest
+                    else "; ".join(failed) or "does not tell it"
                 )
             yield row
 
@@ -322,7 +326,7 @@ def draw(path: Path, problem: Problem, curves: Sequence[Curve], truth: Numbers, 
         axes.set_xlabel("seconds of the processor, without meshing and start", fontsize=8, color=INK)
         axes.set_ylabel(f"error of {word}", fontsize=8, color=INK)
     for k, maker in enumerate(makers):
-        sheet.write(0.75 + k * 9.0 / len(makers), 0.35, maker, color=CURVES[k], fontweight="bold")
+        sheet.write(0.75 + k * 9.0 / len(makers), 0.45 - 0.25 * (k % 2), maker, color=CURVES[k], fontweight="bold")
     told = "discs: order 1; squares: order 2; stars: all rounds of --accuracy; a line is a ladder of meshes"
     sheet.head(problem.title, told, 0.75)
     sheet.save(path)
