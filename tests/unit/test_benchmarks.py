@@ -254,6 +254,17 @@ def test_dolfinx_by_hand_has_our_forces_up_to_its_penalty(tmp_path: Path, dim: i
     assert shifted.stick_area > 0
 
 
+def test_two_plates_by_hand_have_our_bolt_load_up_to_their_penalty(tmp_path: Path) -> None:
+    problem, ladder = PROBLEMS["bolted_plates"], Ladder(program="dolfinx by hand, MUMPS", cells="simplex")
+    penalty = replace(ladder, settings={"penalty": 1e4})
+    found = time_to_accuracy._peer(problem, penalty, 4.0, tmp_path)
+    *_, last = stickslip.steps(problem.on(1, "simplex", 4.0))
+    for goal, theirs in found["found"].items():
+        assert theirs == pytest.approx(time_to_accuracy.number_of(last, goal), rel=1e-3)
+    assert last.contacts["joint"].slip_area > 0
+    assert set(found["found"]) == set(problem.goals.values())
+
+
 def test_the_base_and_the_top_of_the_files_are_those_of_the_mesh(tmp_path: Path) -> None:
     problem = write_problem(replace(Peer(3, 4).scene(), steps=programs.TWO), tmp_path)
     data = np.load(tmp_path / "mesh.npz")

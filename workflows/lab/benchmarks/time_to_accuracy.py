@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from stickslip import Accuracy, Counters, Scene, Watch, prepare, read
+from stickslip import Accuracy, Counters, Scene, StepResult, Watch, prepare, read
 from stickslip.geometry.memory import peak
 from stickslip.solvers.parallel.counters import Clock, processors
 from stickslip.workflows.accuracy.rounds import Rounds
@@ -32,7 +32,7 @@ from stickslip.workflows.cost.pictures import log_log
 from stickslip.workflows.formats.files import write_aside
 from stickslip.workflows.formats.templates import render
 from stickslip.workflows.lab.benchmarks.own_process import Run, apart, child, kept
-from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, write_problem
+from stickslip.workflows.lab.benchmarks.peers.programs import PROGRAMS, write_bolted, write_problem
 from stickslip.workflows.pictures.sheet import CURVES, INK, PALE, Sheet
 
 os.environ.update(ONE_THREAD)  # before the first operation that would start them
@@ -79,9 +79,10 @@ class Problem:
 
     Attributes:
         title: for the page.
-        scene: name of a ready one, of one body, one support that moves, and one contact with a rigid obstacle.
+        scene: a ready one, of one body, one support that moves, and one contact with a rigid obstacle; or a file beside
+            this one, of two plates and a bolt.
         change: settings in it.
-        goals: numbers of the contact, by what the page calls them.
+        goals: numbers of the contact, or whole names of others, by what the page calls them.
         ladders: what is climbed.
         start: the mesh that rounds begin with.
         truth: three meshes of order 2.
@@ -102,7 +103,11 @@ class Problem:
     def on(self, order: int, cells: str, size: float) -> Scene:
         """Return the scene on a mesh, of cells `size` times as large as its own."""
         keys = [f"geometry.order={order}", "output={ error = false, pictures = false }"]
-        scene = read(self.scene, [*self.change, *keys, *([f'geometry.cells="{cells}"'] if self.grids else [])])
+        beside = Path(__file__).with_name(f"{self.scene}.toml")
+        scene = read(
+            beside if beside.exists() else self.scene,
+            [*self.change, *keys, *([f'geometry.cells="{cells}"'] if self.grids else [])],
+        )
         return replace(scene, geometry=scene.geometry.refined(size))
 
 
@@ -122,10 +127,15 @@ def _run(problem: Problem, ladder: Ladder, size: float) -> Run:
     simulation = prepare(scene, counters=counters)
     *_, last = simulation.steps()
     seconds, mesh = clock.process_time() - began, simulation.seconds.mesh
-    (contact,) = last.contacts.values()
-    found = {number: getattr(contact, number) for number in problem.goals.values()}
+    found = {goal: number_of(last, goal) for goal in problem.goals.values()}
     dofs, memory = simulation.system.constraints.free_total, peak() / 1e9
     return {"seconds": seconds - mesh, "mesh": mesh, "start": STARTED, "dofs": dofs, "memory": memory, "found": found}
+
+
+def number_of(step: StepResult, goal: str) -> float:
+    """Return a number of the only contact, or of a bolt by its whole name."""
+    (contact,), (_, owner, key) = step.contacts.values(), f"..{goal}".rsplit(".", 2)
+    return float(getattr(step.bolts[owner] if owner else contact, key))
 
 
 def _rounds(problem: Problem, goal: str, asked: float) -> Run:
@@ -133,14 +143,15 @@ def _rounds(problem: Problem, goal: str, asked: float) -> Run:
     scene = problem.on(1, "simplex", problem.start)
     list(prepare(scene).steps())
     (contact,) = scene.contacts
-    goals = Accuracy(goals={f"{contact}.{goal}": asked})
+    name = goal if "." in goal else f"{contact}.{goal}"
+    goals = Accuracy(goals={name: asked})
     scene = replace(scene, output=replace(scene.output, error=True), accuracy=goals)
     with tempfile.TemporaryDirectory() as folder:
         began = processors()
         _, content = Rounds(scene, lambda line: None)(Path(folder) / "run", Watch())
         seconds = processors() - began
     last = content["accuracy"]["rounds"][-1]
-    told = last["goals"][f"{contact}.{goal}"]
+    told = last["goals"][name]
     counts = {"dofs": last["unknowns"], "count": len(content["accuracy"]["rounds"]), "met": content["accuracy"]["met"]}
     found = {"found": {goal: told["value"]}, "stated": told["error"]}
     return {"seconds": seconds, "mesh": 0.0, "start": STARTED, "memory": peak() / 1e9} | counts | found
@@ -159,7 +170,8 @@ def _peer(problem: Problem, ladder: Ladder, size: float, folder: Path) -> Run:
     if not (command := program.command()):
         return {"status": f"not installed: {program.install}"}
     began = clock.process_time()
-    path = write_problem(problem.on(ladder.order, ladder.cells, size), folder)
+    scene = problem.on(ladder.order, ladder.cells, size)
+    path = write_bolted(scene, folder) if "bolts" in scene.sections else write_problem(scene, folder)
     drawn = clock.process_time() - began
     path.write_text(json.dumps(json.loads(path.read_text()) | ladder.settings))
     found = child([*command, str(path), *program.arguments], LIMIT)
@@ -277,9 +289,15 @@ def rows(problem: Problem, curves: Sequence[Curve], truth: Numbers, spread: Numb
                 error = abs(run["found"][goal] / truth[goal] - 1)
                 row |= run | {"ladder": curve.way, "times": run["seconds"] / hand, "error": error}
             else:
-                closest = [error for curve in mine for _, error, _ in curve.errors(goal, truth[goal])[-1:]]
+                closest = [
+                    run.get("stated", error) for curve in mine for _, error, run in curve.errors(goal, truth[goal])[-1:]
+                ]
                 failed = dict.fromkeys(run["status"] for curve in mine for run in curve.runs if "found" not in run)
-                row["ladder"] = f"ends at {100 * min(closest):.2g} %" if closest else "; ".join(failed)
+                row["ladder"] = (
+                    f"ends at {'± ' * (maker == ROUNDS)}{100 * min(closest):.3g} %"
+                    if closest
+                    else "; ".join(failed) or "does not tell it"
+                )
             yield row
 
 
@@ -308,7 +326,7 @@ def draw(path: Path, problem: Problem, curves: Sequence[Curve], truth: Numbers, 
         axes.set_xlabel("seconds of the processor, without meshing and start", fontsize=8, color=INK)
         axes.set_ylabel(f"error of {word}", fontsize=8, color=INK)
     for k, maker in enumerate(makers):
-        sheet.write(0.75 + k * 9.0 / len(makers), 0.35, maker, color=CURVES[k], fontweight="bold")
+        sheet.write(0.75 + k * 9.0 / len(makers), 0.45 - 0.25 * (k % 2), maker, color=CURVES[k], fontweight="bold")
     told = "discs: order 1; squares: order 2; stars: all rounds of --accuracy; a line is a ladder of meshes"
     sheet.head(problem.title, told, 0.75)
     sheet.save(path)

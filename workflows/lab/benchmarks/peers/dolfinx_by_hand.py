@@ -22,8 +22,10 @@ from dolfinx import fem
 from dolfinx.fem import petsc
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy import sparse
 
 PENALTY = 1e4  # stiffness of contact and stick, in units of E / height, unless the problem names one
+SIDES = ("upper_joint", "lower_joint", "upper_washer", "lower_washer", "upper_end", "lower_end")
 SOLVERS = {
     "lu": {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_7": 5},
     "gamg": {
@@ -127,8 +129,7 @@ class Block:
         """SNES on the whole volume."""
         snes, options = PETSc.SNES().create(MPI.COMM_SELF), PETSc.Options("hand_")
         for key, value in (
-            {"snes_type": "newtonls", "snes_linesearch_type": "basic", "snes_divergence_tolerance": -1}
-            | SOLVERS[solver]
+            {"snes_type": "newtonls", "snes_linesearch_type": "bt", "snes_divergence_tolerance": -1} | SOLVERS[solver]
         ).items():
             options[key] = value
         snes.setOptionsPrefix("hand_")
@@ -179,6 +180,101 @@ class Block:
         }
 
 
+class Plates:
+    """Two plates and a bolt: a penalty between opposite nodes of the joint, Newton's method on the whole volume."""
+
+    def __init__(self, given: dict[str, Any], mesh: Any, facets: Any, groups: dict[str, int]) -> None:
+        self.mu, E, nu = given["mu"], given["E"], given["nu"]
+        self.V = V = vector_space(mesh, given["order"])
+        u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        eps, ds = ufl.sym(ufl.grad(u)), ufl.Measure("ds", mesh, subdomain_data=facets)
+        sigma = E / (1 + nu) * (eps + nu / (1 - 2 * nu) * ufl.tr(eps) * ufl.Identity(2))
+        matrix = petsc.assemble_matrix(fem.form(ufl.inner(sigma, ufl.grad(v)) * ufl.dx))
+        matrix.assemble()
+        self.K = sparse.csr_matrix(matrix.getValuesCSR()[::-1])
+        where, tags = V.tabulate_dof_coordinates(), {name: groups[given[name]] for name in SIDES}
+        self.nodes = {name: fem.locate_dofs_topological(V, 1, facets.find(tag)) for name, tag in tags.items()}
+        over, under = (nodes[np.argsort(where[nodes, 0])] for nodes in (self.nodes[name] for name in SIDES[:2]))
+        if len(over) != len(under) or abs(where[over] - where[under]).max() > 1e-9:
+            raise SystemExit("dolfinx by hand: nodes of the joint are not opposite")
+        ends = np.concatenate([self.nodes["upper_end"], self.nodes["lower_end"]])
+        self.moved = 2 * self.nodes["upper_end"][:, None] + [0, 1]
+        self.free = np.setdiff1d(np.arange(self.K.shape[0]), 2 * ends[:, None] + [0, 1])
+        n = 2 * len(over)
+        rows, columns = (
+            np.tile(np.arange(n), 2),
+            np.concatenate([2 * over[:, None] + [0, 1], 2 * under[:, None] + [0, 1]]),
+        )
+        self.jump = sparse.csr_matrix((np.repeat([1.0, -1.0], n), (rows, columns.ravel())), (n, self.K.shape[0]))
+        areas, *washers = (
+            petsc.assemble_vector(fem.form(v[1] * ds(tags[name]))).array
+            for name in ("upper_joint", "upper_washer", "lower_washer")
+        )
+        self.spring = given["penalty"] * E / given["height"] * areas[2 * over + 1]
+        self.bolt, self.stiffness = (washers[0] - washers[1]) / given["washer"], given["stiffness"]
+        self.u, self.before = np.zeros(self.K.shape[0]), np.zeros(n)
+
+    def forces(self, u: Any, shortening: float) -> tuple[Any, Any, Any]:
+        """Forces that are left [N/m], those of the joint (nodes, 2), and their derivative (nodes, 2, 2)."""
+        jump = self.jump @ u
+        slip, gap = (jump - self.before).reshape(-1, 2)[:, 0], jump[1::2]
+        P, trial = np.maximum(-self.spring * gap, 0), -self.spring * slip
+        sticks, touches = np.abs(trial) <= self.mu * P, P > 0
+        joint = np.stack([np.clip(trial, -self.mu * P, self.mu * P), P], axis=1)
+        D = np.zeros((len(P), 2, 2))
+        D[:, 1, 1] = D[:, 0, 0] = self.spring * touches
+        D[~sticks, 0, 0] = 0
+        D[~sticks, 0, 1] = (self.mu * np.sign(trial) * self.spring * touches)[~sticks]
+        pull = self.stiffness * (self.bolt @ u + shortening)
+        return self.K @ u + pull * self.bolt - self.jump.T @ joint.ravel(), joint, D
+
+    def step(self, motion: list[float]) -> dict[str, float]:
+        """Shorten the bolt, move the upper plate's end, and solve."""
+        shortening, *end = motion
+        free, b, k = self.free, self.bolt[self.free], self.stiffness
+        self.u[self.moved] = end
+        left, joint, D = self.forces(self.u, shortening)
+        first = np.linalg.norm(left[free])
+        for count in range(100):
+            tangent = (self.K + self.jump.T @ sparse.block_diag(D, "csr") @ self.jump)[free][:, free]
+            x, y = solve(tangent, left[free], b)  # the bolt's part has rank one: Sherman and Morrison
+            change, size, part = x - y * k * (b @ x) / (1 + k * (b @ y)), np.linalg.norm(left[free]), 1.0
+            self.u[free] -= change
+            left, joint, D = self.forces(self.u, shortening)
+            while np.linalg.norm(left[free]) > size and part > 0.1:
+                part /= 2
+                self.u[free] += part * change
+                left, joint, D = self.forces(self.u, shortening)
+            if np.linalg.norm(left[free]) < 1e-9 * first:
+                self.before, self.drag = self.jump @ self.u, float(abs(joint[:, 0].sum()))
+                self.tension = float(k * (self.bolt @ self.u + shortening))
+                return {"iterations": count + 1}
+        raise SystemExit("dolfinx by hand: Newton's method does not converge in 100 iterations")
+
+    def reactions(self) -> dict[str, float]:
+        """Forces per metre [N/m]."""
+        return {"tangential_force": self.drag, "bolt.bolt.tension": self.tension}
+
+
+def solve(matrix: Any, *right: Any) -> list[Any]:
+    """Solve with MUMPS for some right sides."""
+    A = PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=MPI.COMM_SELF)
+    ksp, options = PETSc.KSP().create(MPI.COMM_SELF), PETSc.Options("hand_")
+    for key, value in SOLVERS["lu"].items():
+        options[key] = value
+    ksp.setOptionsPrefix("hand_")
+    ksp.setOperators(A)
+    ksp.setFromOptions()
+    found = []
+    for values in right:
+        x = A.createVecRight()
+        ksp.solve(PETSc.Vec().createWithArray(values.copy()), x)
+        found.append(x.array.copy())
+    ksp.destroy()
+    A.destroy()
+    return found
+
+
 def peak() -> float:
     """Largest memory of this process so far [GB]; `ru_maxrss` knows what its parent had."""
     status = Path("/proc/self/status").read_text()
@@ -190,7 +286,8 @@ def main(path: Path, solver: str) -> dict[str, Any]:
     given, started = json.loads(path.read_text()), time.process_time()
     mesh, facets, groups = read_mesh(path.with_name("mesh.msh"), given["dim"])
     read = time.process_time()
-    block = Block(given, mesh, facets, groups, solver)
+    plates = "washer" in given
+    block = Plates(given, mesh, facets, groups) if plates else Block(given, mesh, facets, groups, solver)
     began, steps = time.process_time(), []
     for motion in given["motion"]:
         counts = block.step(motion)
@@ -202,7 +299,7 @@ def main(path: Path, solver: str) -> dict[str, Any]:
         "start": started + began - read,
         "mesh": read - started,
         "memory": peak(),
-        "dofs": len(block.u.x.array),
+        "dofs": given["dim"] * len(block.V.tabulate_dof_coordinates()),
         "steps": steps,
     }
 

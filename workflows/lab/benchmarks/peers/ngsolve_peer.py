@@ -61,15 +61,22 @@ def newton(form: Any, u: Any, free: Any) -> int:
         free: which of them are free.
     """
     first = 0.0
+    residual = u.vec.CreateVector()
+    form.Apply(u.vec, residual)
     for iteration in range(50):
-        residual = u.vec.CreateVector()
-        form.Apply(u.vec, residual)
         size = float(np.linalg.norm(residual.FV().NumPy()[free]))
         first = first or size
         if size <= 1e-8 * first:
             return iteration
         form.AssembleLinearization(u.vec)
-        u.vec.data -= form.mat.Inverse(form.space.FreeDofs(), inverse="umfpack") * residual
+        change, part = residual.CreateVector(), 1.0
+        change.data = form.mat.Inverse(form.space.FreeDofs(), inverse="umfpack") * residual
+        u.vec.data -= change
+        form.Apply(u.vec, residual)
+        while np.linalg.norm(residual.FV().NumPy()[free]) > size and part > 0.1:
+            part /= 2
+            u.vec.data += part * change
+            form.Apply(u.vec, residual)
     raise SystemExit("NGSolve: Newton's method does not converge in 50 iterations")
 
 
@@ -112,7 +119,8 @@ def main(path: Path) -> dict[str, Any]:
         now.vec.FV().NumPy()[~free] = moved.vec.FV().NumPy()[~free]
         iterations = newton(form, now, free)
         p, t, sticks = contact(now)
-        normal, tangential, area = (ng.Integrate(value * ng.ds("base"), mesh) for value in (p, t, sticks))
+        parts = (p, sticks, *([t] if dim == 2 else [t[0], t[1]]))
+        normal, area, *tangential = (ng.Integrate(value * ng.ds("base"), mesh) for value in parts)
         steps.append(
             {
                 "iterations": iterations,

@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from stickslip.geometry.amplitude import Amplitude, value_at
 from stickslip.geometry.arrays import Array
 from stickslip.geometry.builders.cuboid import Block
 from stickslip.geometry.mesh.mesh import write_msh
+from stickslip.solvers.effects.bolts import Bolt
 from stickslip.workflows.cost.measure import ONE_THREAD
 from stickslip.workflows.lab.benchmarks.own_process import Run, child, kept
 from stickslip.workflows.lab.benchmarks.price_run import OURS, PEERS, Case
@@ -79,6 +80,55 @@ def write_problem(scene: Scene, folder: Path) -> Path:
             "motion": [  # [m] of the top, by step
                 [_at(support.displacement[axis], end * k / count, end) for axis in AXES[:dim]]
                 for k in range(1, count + 1)
+            ],
+        }
+    )
+    path = folder / "problem.json"
+    path.write_text(json.dumps(data, indent=1))
+    return path
+
+
+def write_bolted(scene: Scene, folder: Path) -> Path:
+    """Write mesh and data of two plane bodies, upper and lower, and a bolt into a folder; the path of problem.json.
+
+    mesh.npz has `points` (nodes, 2) [m], and for both bodies the `cells` and the nodes of `joint`, `washer` and `end`,
+    all by the body's name. The lower body's end is held, the upper one's is moved;
+    `motion` has the bolt's shortening and what moves that end, by step [m].
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_msh(scene.geometry, scene.request(), folder / "mesh.msh")
+    mesh = meshio.read(folder / "mesh.msh")
+    bolts, upper, (contact,) = scene.sections["bolts"], scene.bodies["upper"], scene.contacts.values()
+    assert isinstance(bolts, Mapping)
+    bolt = bolts["bolt"]
+    assert isinstance(bolt, Bolt)
+    assert isinstance(upper, Material)
+    assert isinstance(contact.friction, Coulomb)
+    assert bolt.shortening is not None
+    groups = {"upper_joint": contact.surface, "lower_joint": contact.against, "upper_washer": bolt.head}
+    groups |= {"lower_washer": bolt.nut, "lower_end": scene.supports["held"].boundary}
+    groups |= {"upper_end": scene.supports["pulled"].boundary}
+    held, cells = mesh.cell_sets_dict, mesh.cells_dict
+    facet, cell = ("line", "triangle") if "line" in cells else ("line3", "triangle6")
+    sides = {key: np.unique(cells[facet][held[str(name)][facet]]) for key, name in groups.items()}
+    bodies = {f"{name}_cells": cells[cell][held[name][cell]] for name in scene.bodies}
+    points: Array = mesh.points[:, :2]
+    np.savez(folder / "mesh.npz", points=points, **sides, **bodies)
+    pulled, end = scene.supports["pulled"].displacement, scene.steps.end
+    times = [end * k / scene.steps.count for k in range(1, scene.steps.count + 1)]
+    data = (
+        groups
+        | {
+            "dim": 2,
+            "order": scene.geometry.degree,
+            "E": upper.E,  # [Pa]
+            "nu": upper.nu,
+            "mu": contact.friction.mu,
+            "height": float(np.ptp(points[sides["upper_end"], 1])),  # [m]
+            "washer": float(np.ptp(points[sides["upper_washer"], 0])),  # [m]
+            "stiffness": bolt.stiffness,  # [N/m per metre]
+            "motion": [
+                [_at(bolt.shortening, t, end), *(_at(pulled[axis], t, end) for axis in AXES[:2])] for t in times
             ],
         }
     )
