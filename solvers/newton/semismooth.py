@@ -1,13 +1,4 @@
-"""Semismooth Newton on the surface problem: contact laws are linearised, the bodies are solved exactly.
-
-Where it fails, a problem with simpler laws, piecewise linear, is solved whole, and leads to the solution. Powers
-p = c d^m are replaced by their tangents at the last pressures, p = k (d - d_0)_+, and friction bounds by Coulomb's law
-through the bounds at these pressures, with a coefficient for each point. A path then leads to the solution where
-Newton's method fails, see `path`. Tangents and coefficients are taken anew at its pressures. With Coulomb's friction
-that is Newton's method for generalised equations, in which opening, stick and slip stay exact.
-
-Source: Josephy, Newton's method for generalized equations, Technical Summary Report 1965, Univ. of Wisconsin (1979).
-"""
+"""Semismooth Newton on the surface problem: contact laws are linearised, the bodies are solved exactly."""
 
 from __future__ import annotations
 
@@ -20,11 +11,9 @@ import numpy as np
 
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
-from stickslip.solvers.contact.rows import ContactRows
 from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import OnStep, Solution, Status, ignore
-from stickslip.solvers.laws.friction import CoulombByPoint
 from stickslip.solvers.laws.law import NormalLaw
 from stickslip.solvers.newton import condensed_system, path
 from stickslip.solvers.newton.active_set import ActiveSet
@@ -55,8 +44,8 @@ class SemismoothNewton:
     Plain Newton comes first, but where bodies have room to move; from a start that it hops about it is damped from the
     best iterate on, see `Attempts`. Then come places where rigid bodies would rest, see `rigid_bodies`: of floating
     bodies by an interior point that begins there, see `interior_point`, and they settle from there, see `settling`;
-    other trial tractions; the ends of paths, see `path`; and solutions with simpler laws, see `simpler_ends`, before
-    the step counts as failed. None of this costs a volume solve but starts whose displacement is not known.
+    other trial tractions; and the ends of paths, see `path`, before the step counts as failed. None of this costs a
+    volume solve but starts whose displacement is not known.
 
     Source: Alart & Curnier, Comput. Methods Appl. Mech. Engrg. 92 (1991); Hüeber, Stadler & Wohlmuth,
     SIAM J. Sci. Comput. 30 (2008). Proximal term: Rockafellar, SIAM J. Control Optim. 14 (1976).
@@ -102,8 +91,6 @@ class SemismoothNewton:
             yield start, None
         assert attempts.best is not None
         for start in path.ends(problem, p, attempts.best):
-            yield start, None
-        for start in simpler_ends(problem, attempts.best.p, self):
             yield start, None
 
 
@@ -161,10 +148,6 @@ def branches(problem: SurfaceProblem, p: Array, w: Array, rtol: float, max_it: i
     return [Attempts(problem, bodies, rtol, max_it).follow(iter([(start, None)])) for start in starts]
 
 
-MOST = 30  # tangents
-FLOOR = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9)  # of the largest pressure: tangents at less would hold nothing
-NEAR = 1e-4  # residual from which plain Newton takes over
-
 Solve = Callable[[SurfaceProblem, Array], Solution]
 
 
@@ -184,31 +167,6 @@ class Tangent(NormalLaw):
 
     def penetration(self, p: Array) -> Array:
         return np.asarray(np.maximum(p, 0.0) / self.k)
-
-
-def has_simpler_laws(problem: SurfaceProblem) -> bool:
-    """Whether there are simpler laws: pressures or friction bounds are not proportional, and no bound jumps."""
-    jump = any(place.rows.friction is not None and place.rows.friction.continuous for place in problem.cone.places)
-    return not problem.cone.homogeneous and not jump
-
-
-def simpler_ends(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
-    """Solutions with simpler laws that are near to the one that is sought.
-
-    Args:
-        problem: the contact problem of the step.
-        p: tractions (rows,) [Pa] of the first tangents.
-        solve: solves a problem with simpler laws, from tractions (rows,) [Pa].
-    """
-    if not has_simpler_laws(problem):
-        return
-    for k in range(MOST):
-        found = solve(simplified(problem, p, FLOOR[min(k, len(FLOOR) - 1)]), p)
-        if found.status is not Status.CONVERGED:
-            return
-        p, w = found.p, problem.relative_displacement(found.u_c)
-        if max(problem.natural_residual(p, w), problem.imbalance(p)) < NEAR:
-            yield Start.at(problem, p, found.u_c)
 
 
 def resting_start(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[Start]:
@@ -233,28 +191,3 @@ def resting_start(problem: SurfaceProblem, p: Array, solve: Solve) -> Iterator[S
     found = solve(replace(problem, cone=cone), p)
     if found.status is Status.CONVERGED:
         yield Start.at(problem, found.p, found.u_c)
-
-
-def simplified(problem: SurfaceProblem, p: Array, floor: float) -> SurfaceProblem:
-    """The problem with simpler laws at tractions p (rows,) [Pa].
-
-    Args:
-        problem: the contact problem of the step.
-        p: tractions (rows,) [Pa].
-        floor: of the largest pressure; tangents and coefficients are taken at no less.
-    """
-    gap, contacts = problem.gap.copy(), list[ContactRows]()
-    for place in problem.cone.places:
-        n, rows, law = place.normal, place.rows, place.rows.normal
-        at = np.maximum(p[n], floor * max(float(p[n].max(initial=0.0)), problem.p_ref * floor))
-        if rows.friction is not None:
-            mean = place.average @ at
-            mu = problem.cone.bound(place, at) / np.where(mean > 0, mean, np.inf)
-            rows = replace(rows, friction=CoulombByPoint(mu=mu, k_T=rows.friction.k_T))
-        if law.at_quadrature:
-            k = law.stiffness(at, at)
-            gap[n] += law.penetration(at) - at / k
-            rows = replace(rows, normal=Tangent(k=k))
-        contacts.append(rows)
-    cone = AdmissibleSet(tuple(contacts), problem.cone.time, problem.cone.end)
-    return replace(problem, cone=cone, gap=gap)

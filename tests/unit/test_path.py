@@ -1,4 +1,4 @@
-"""Where Newton's method fails: paths through kinks, simpler laws, and several solutions."""
+"""Where Newton's method fails: paths through kinks, and several solutions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -364,21 +364,6 @@ def newton(problem: SurfaceProblem, p: Array) -> Solution:
     return SemismoothNewton(rtol=1e-12, max_it=200, linear=condensed_system.solve)(problem, p)
 
 
-@pytest.mark.parametrize("friction", [COULOMB, CAPPED, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}])
-@pytest.mark.parametrize("floating", [False, True])
-def test_simpler_laws_lead_to_the_solution(
-    floating: bool, friction: dict[str, Any], problem_of_block: Callable[..., SurfaceProblem]
-) -> None:
-    problem = problem_of_block(2.0, friction, floating=floating)
-    exact = newton(problem, np.zeros(len(problem.gap)))
-    assert exact.status is Status.CONVERGED
-    ends = list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
-    off = [np.abs(end.p - exact.p).max() / exact.p.max() for end in ends]
-    assert len(ends) >= 3
-    assert off[0] < 10 * semismooth.NEAR
-    assert off[-1] < 1e-9
-
-
 @pytest.mark.parametrize("name", ["coulomb", "gaps"])
 def test_branches_from_a_state_from_all_open_and_from_all_closed_end_at_the_solution(name: str) -> None:
     """A state without tractions fulfils all laws, but balances nothing; from the solution itself it is near."""
@@ -410,7 +395,7 @@ def test_starts_follow_each_other_where_attempts_are_short(name: str, monkeypatc
 @pytest.fixture
 def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
     """Starts of a chain whose attempts have failed; each start is the name and the arguments of what found it."""
-    names = "resting_start first_starts way soft_starts on_softer_springs other_starts simpler_ends"
+    names = "resting_start first_starts way soft_starts on_softer_springs other_starts"
     for name in names.split():
         monkeypatch.setattr(semismooth, name, lambda *given, name=name: iter([(name, *given)]))
     monkeypatch.setattr(path, "ends", lambda *given: iter([("ends", *given)]))
@@ -445,7 +430,6 @@ def test_starts_come_in_their_order(rest: Any, order: Callable[..., list[Any]]) 
         (("on_softer_springs", PROBLEM, p, METHOD._on_springs), None),
         (("other_starts", PROBLEM, p), None),
         (("ends", PROBLEM, p, tried.best), None),
-        (("simpler_ends", PROBLEM, tried.best.p, METHOD), None),
     ]
     assert found == [*first, *into_contact(tried), *others]
     assert (tried.problem, tried.follows) == (PROBLEM, False)
@@ -497,69 +481,6 @@ def test_what_is_on_springs_is_solved_from_its_start_and_then_from_others(monkey
         assert seen[-1][2].problem is problem
 
 
-def test_the_problem_of_tangents_is_piecewise_linear(problem_of_block: Callable[..., SurfaceProblem]) -> None:
-    problem = problem_of_block()
-    n = problem.surface.normal_rows
-    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.1)
-    simpler = semismooth.simplified(problem, p, 1e-3)
-    assert not path.applies(problem)
-    assert path.applies(simpler)
-    assert (simpler.cone.time, simpler.cone.end) == (problem.cone.time, problem.cone.end) == (1.0, 1.0)
-    # at the pressure of the tangent both laws have the same penetration, and nearly so beside it
-    for factor, apart in ((1.0, 1e-14), (1.01, 1e-4)):
-        give = [of.cone.give(factor * p)[:n] + of.gap[:n] for of in (problem, simpler)]
-        assert_allclose(give[1], give[0], rtol=apart)
-    assert not np.allclose(simpler.cone.give(2 * p)[:n] + simpler.gap[:n], problem.cone.give(2 * p)[:n], rtol=1e-2)
-
-
-def test_open_points_have_tangents_at_the_floor(problem_of_block: Callable[..., SurfaceProblem]) -> None:
-    problem = problem_of_block()
-    p = np.zeros(len(problem.gap))
-    p[0] = 0.5
-    (contact,) = semismooth.simplified(problem, p, 1e-2).cone.contacts
-    slope = 2 * np.sqrt(40.0 * np.array([0.5, 0.005]))  # of c d^2 at p: 2 sqrt(c p)
-    assert_allclose(contact.normal.k[:2], slope, rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("m_n", "friction", "expected"),
-    [
-        (2.0, COULOMB, True),
-        (2.0, None, True),
-        (1.0, COULOMB, False),  # linear already
-        (2.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
-        (1.0, {"law": "capped_coulomb", "mu": 0.4, "s_max": 0.1}, True),
-        (2.0, {"law": "compliance", "c_T": 10.0, "m_T": 1.5}, True),
-        (2.0, {"law": "tresca", "bound": 0.1}, False),
-        (2.0, {"law": "stick"}, False),
-    ],
-)
-def test_what_has_simpler_laws(
-    m_n: float, friction: dict[str, Any] | None, expected: bool, problem_of_block: Callable[..., SurfaceProblem]
-) -> None:
-    problem = problem_of_block(m_n, friction)
-    assert semismooth.has_simpler_laws(problem) is expected
-    if not expected:
-        assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
-
-
-def test_bounds_are_those_at_the_last_pressures(problem_of_block: Callable[..., SurfaceProblem]) -> None:
-    problem = problem_of_block(2.0, CAPPED)
-    n = problem.surface.normal_rows
-    p = np.where(np.arange(len(problem.gap)) < n, 0.3, 0.0)
-    simpler = semismooth.simplified(problem, p, 1e-3)
-    (place,), (before,) = simpler.cone.places, problem.cone.places
-    assert_allclose(simpler.cone.bound(place, p[:n]), 0.06)
-    assert_allclose(simpler.cone.bound(place, p[:n] / 3), 0.02)
-    assert_allclose(problem.cone.bound(before, p[:n] / 3), 0.04)
-
-
-def test_no_end_where_the_simpler_problem_is_not_solved(problem_of_block: Callable[..., SurfaceProblem]) -> None:
-    problem = problem_of_block()
-    lost = CondensedNewton(max_it=0)
-    assert not list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), lost))
-
-
 def test_a_tangent_is_a_spring_that_only_presses() -> None:
     """Its resolvent solves p + gamma p / k = p_hat where that is positive."""
     k, gamma, p_hat = np.array([2.0, 3.0, 4.0]), np.array([1.0, 5.0, 0.5]), np.array([-1.0, 0.3, 2.0])
@@ -568,24 +489,6 @@ def test_a_tangent_is_a_spring_that_only_presses() -> None:
     assert_allclose(p + gamma * law.penetration(p), [0.0, 0.3, 2.0])
     assert_allclose(law.penetration(p), p / k)
     assert_allclose(law.stiffness(p, p_hat), [0.0, 3.0, 4.0])
-
-
-def test_a_bound_of_the_power_of_the_pressure_becomes_coulombs(problem_of_block: Callable[..., SurfaceProblem]) -> None:
-    """c_T d^2 is (c_T / c_n) p; under a tangent the bound would be another one."""
-    problem = problem_of_block(2.0, {"law": "compliance", "c_T": 12.0, "m_T": 2.0, "k_T": 4.0})
-    (contact,) = semismooth.simplified(problem, np.ones(len(problem.gap)), 1e-3).cone.contacts
-    assert isinstance(contact.friction, CoulombByPoint)
-    assert_allclose(contact.friction.mu, 12.0 / 40.0, rtol=1e-12)
-    assert contact.friction.k_T == 4.0
-
-
-def test_floors_fall_to_last(problem_of_block: Callable[..., SurfaceProblem], monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, seen = problem_of_block(), list[float]()
-    simplified = semismooth.simplified
-    monkeypatch.setattr(semismooth, "simplified", lambda *of: seen.append(of[-1]) or simplified(*of))
-    list(semismooth.simpler_ends(problem, np.zeros(len(problem.gap)), newton))
-    assert len(seen) == semismooth.MOST
-    assert seen == [*semismooth.FLOOR, *[semismooth.FLOOR[-1]] * (len(seen) - len(semismooth.FLOOR))]
 
 
 MUCH = {"law": "coulomb", "mu": 2.0}
