@@ -19,7 +19,7 @@ from scipy.sparse.linalg import splu
 from stickslip.geometry.arrays import Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
-from stickslip.solvers.iteration import Status
+from stickslip.solvers.iteration import PATIENT, Status
 from stickslip.solvers.newton.active_set import ActiveSet
 from stickslip.solvers.newton.attempts import FIRM, Attempts, Start
 from stickslip.solvers.newton.settling import settled
@@ -70,7 +70,7 @@ def at_rest(attempts: Attempts) -> Start | None:
     if not problem.surface.floating or problem.give is None or problem.p_ref == 0:
         return None
     posed = replace(problem, touch=None)
-    model = Attempts(posed, RigidBodies(posed), attempts.rtol, attempts.max_it)
+    model = Attempts(posed, RigidBodies(posed), attempts.rtol, min(attempts.max_it, PATIENT))
     for start, proximal in coming_to_rest(model):
         model(start, proximal)
         if model.over:
