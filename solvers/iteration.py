@@ -232,9 +232,14 @@ class Driver:
     stalled: bool = field(default=False, init=False)  # whether the last run ended because its residual did not fall
 
     @property
+    def last(self) -> int:
+        """Number of the last iteration; 0: there is none."""
+        return self.history[-1].iteration if self.history else 0
+
+    @property
     def over(self) -> bool:
         """Whether the problem is solved, or the iterations ran out."""
-        ran_out = bool(self.history) and self.history[-1].iteration >= self.max_it
+        ran_out = bool(self.history) and self.last >= self.max_it
         return ran_out or (self.best is not None and self.best.status is Status.CONVERGED)
 
     def run(

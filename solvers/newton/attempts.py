@@ -234,7 +234,7 @@ class Attempts(Driver):
             start: where to begin.
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
-        number = self.history[-1].iteration + start.in_equilibrium if self.history else 0  # of the start
+        number = self.last + start.in_equilibrium if self.history else 0  # of the start
         window = Stall(QUICK if proximal else QUICK // 2, number)
 
         def stalls(k: int, residual: float) -> bool:

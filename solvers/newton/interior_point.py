@@ -102,7 +102,7 @@ def inner(attempts: Attempts, x: Point, presses: Bools) -> Iterator[Iterate]:
         presses: (normal rows,) whether a point only presses.
     """
     n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2)
-    number, fall, lacks = attempts.history[-1].iteration if attempts.history else 0, 0.5, 1.0
+    number, fall, lacks = attempts.last, 0.5, 1.0
     try:
         for k in range(number + 1, number + ATTEMPT):
             problem, gamma = attempts.problem, attempts.problem.gamma
@@ -144,7 +144,8 @@ def first(problem: SurfaceProblem, rest: Start, presses: Bools) -> Point:
     n, give, w = len(presses), problem.give[: len(presses)], problem.relative_displacement(rest.u_c)
     border = BORDER * np.abs(rest.p[:n][presses]).max()
     apart = np.where(rest.p[:n] > 0, rest.p[:n], np.minimum((w - problem.gap)[:n], 0.0) / give)
-    between = (apart + np.sqrt(apart**2 + 4 * border**2)) / 2
+    root = np.sqrt(apart**2 + 4 * border**2)
+    between = np.where(apart > 0, (apart + root) / 2, 2 * border**2 / (root - apart))  # no difference of like numbers
     p = np.concatenate([np.where(presses, between, rest.p[:n]), rest.p[n:]])
     return Point(p=p, w=w, u=rest.u_c, y=border**2 * give / between)
 

@@ -1,8 +1,8 @@
-"""Where bodies that have room come to rest: a model of rigid bodies, whose points of contact give each by itself.
+"""Where bodies that have room come to rest: a model of rigid bodies, whose surfaces give dof by dof.
 
 Bodies that travel far move as rigid ones, until they are held. A system of the model has as many unknowns as there are
-rigid motions, whatever the bodies are, so that soft contact, and the settling of the bodies from it, are followed for
-as long as they take. An interior point leads from there to the solution.
+rigid motions, whatever the bodies are, so that soft contact, and the settling of the bodies from it, can be followed
+for hundreds of them. An interior point leads from there to the solution.
 
 Source: Pfeiffer & Glocker, Multibody Dynamics with Unilateral Contacts (1996), of rigid bodies in contact.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import ROUNDING, Array
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import PATIENT, Status
@@ -27,37 +27,49 @@ from stickslip.solvers.newton.soft_start import soft_starts
 
 
 class RigidBodies:
-    """Bodies u = F (f - N^T W p) + R b of diagonal flexibility F (c,) [m/N] and rigid motions b (r,) [m]."""
+    """Bodies u = F (f - N^T W p) + R b of diagonal flexibility F (c,) [m/N] and rigid motions b (r,) [m].
+
+    Rows without flexibility, of obstacles that a force drives, are held by the proximal term of their laws alone.
+    """
 
     def __init__(self, problem: SurfaceProblem) -> None:
         self.problem, self.surface = problem, condensed(problem.surface)
-        self.F, N, W = self.surface.flexibility.diagonal, self.surface.N, self.surface.W
-        self.moved, self.free = N @ self.surface.R, problem.relative_displacement(self.F * problem.load.f_c)
-        self.G = N @ sparse.diags(self.F) @ N.T @ sparse.diags(W)  # (rows, rows) [m/Pa]
+        self.F, N, R = self.surface.flexibility.diagonal, self.surface.N, self.surface.R
+        self.moved, self.free = N @ R, problem.relative_displacement(self.F * problem.load.f_c)
+        self.give = N @ (self.F[:, None] * R)  # (rows, r), transposed: rigid motion in what tractions deform
+        self.G = N @ sparse.diags(self.F) @ N.T @ sparse.diags(self.surface.W)  # (rows, rows) [m/Pa]
 
     def relative(self, p: Array, u: Array) -> Array:
         """Relative displacement (rows,) [m] of displacements u (c,) [m], whatever the tractions p are."""
         return self.problem.relative_displacement(u)
 
     def solve(self, laws: ActiveSet, p: Array, u: Array) -> tuple[Array, Array]:
-        """Tractions (rows,) [Pa] and displacement (c,) [m] that satisfy the linearised laws; u: where springs rest.
+        """Tractions (rows,) [Pa] and displacement (c,) [m] that satisfy the linearised laws.
+
+        Springs on the rigid motions R^T u have no force at the u that is given; motions that nothing resists, and along
+        which nothing pushes, stay as they are there.
 
         Raises:
             LinAlgError: rows depend on each other, or the active set leaves a rigid mode free.
         """
-        surface, load = self.surface, self.problem.load
+        surface, load, R, spring = self.surface, self.problem.load, self.surface.R, laws.hold * self.surface.rho
         try:
             rows = splu(sparse.csc_matrix(laws.A_p - laws.A_w @ self.G))
         except RuntimeError as error:  # SuperLU: exactly singular
             raise np.linalg.LinAlgError(str(error)) from None
         x = rows.solve(np.column_stack([laws.rhs - laws.A_w @ self.free, laws.A_w @ self.moved]))
-        forces, spring = self.moved.T @ (surface.W[:, None] * x), laws.hold * surface.rho
+        forces = (self.moved - spring * self.give).T @ (surface.W[:, None] * x)
         held = spring * np.eye(len(load.resultant)) - forces[:, 1:]
-        b = np.linalg.solve(held, load.resultant - forces[:, 0] + spring * (surface.R.T @ u))
+        right = load.resultant - forces[:, 0] + spring * (R.T @ (u - self.F * load.f_c))
+        # of the largest stiffness: what resists a motion less does not resist it; springs do, however soft they are
+        inverse = np.linalg.inv(held) if spring else np.linalg.pinv(held, rcond=ROUNDING)
+        b = inverse @ right
         p = x[:, 0] - x[:, 1:] @ b
         if not spring:
             laws.refuse_unbalanced(p)
-        return p, self.F * (load.f_c - surface.forces(p)) + surface.R @ b
+        found = self.F * (load.f_c - surface.forces(p)) + R @ b
+        off = R.T @ (u - found)
+        return p, found + R @ (off - inverse @ (held @ off))
 
 
 def at_rest(attempts: Attempts) -> Start | None:

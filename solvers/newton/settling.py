@@ -73,13 +73,13 @@ def settled(attempts: Attempts, start: Start, most: int = 2 * ATTEMPT) -> Iterat
         return
     yield start
     assert attempts.best is not None
-    level, begun = 10 * FIRM[0] * min(1.0, attempts.best.residual), attempts.history[-1].iteration
+    level, begun = 10 * FIRM[0] * min(1.0, attempts.best.residual), attempts.last
     last, factor = begun, 100.0
     while last < begun + most and LAST_DIGITS < level < 1:
         held = OnSprings(attempts, level, start.u_c)
         attempts.follows = False  # where points touch is told by bodies in balance
         attempts.run(held.settling(start, last))
-        attempts.follows, number = True, attempts.history[-1].iteration
+        attempts.follows, number = True, attempts.last
         if attempts.over:
             return
         took, last = number - last, number
@@ -91,5 +91,5 @@ def settled(attempts: Attempts, start: Start, most: int = 2 * ATTEMPT) -> Iterat
         factor = min(factor * 3, 100.0)
         if took == 1:
             yield start
-            last = attempts.history[-1].iteration
+            last = attempts.last
     yield start

@@ -61,7 +61,7 @@ def softened(attempts: Attempts, give: Array) -> Iterator[Iterate]:
         give: see `SurfaceProblem.give`.
     """
     problem, bodies, zero = attempts.problem, attempts.bodies, np.zeros_like(give)
-    n, solves = problem.surface.normal_rows, attempts.history[-1].iteration if attempts.history else 0
+    n, solves = problem.surface.normal_rows, attempts.last
 
     def solve(posed: SurfaceProblem, trial: Array, u: Array) -> Iterate:
         nonlocal solves

@@ -270,3 +270,8 @@ def test_the_first_point_is_that_of_rigid_bodies_but_between_open_and_closed() -
     left = (problem.gap - x.w)[:n]
     assert_allclose(x.p[:n] - x.y / give, np.where(rest.p[:n] > 0, rest.p[:n], -np.maximum(left, 0.0) / give))
     assert_allclose(x.p[n:], rest.p[n:])
+    far_off = replace(problem, gap=np.where(rest.p > 0, problem.gap, 1e9 * np.abs(problem.gap).max()))
+    x = first(far_off, rest, presses)
+    assert_allclose((x.p[:n] * x.y), border**2 * give)
+    opened = rest.p[:n] == 0
+    assert_allclose(x.y[opened], (far_off.gap - x.w)[:n][opened], rtol=1e-6)

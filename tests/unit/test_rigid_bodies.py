@@ -10,6 +10,7 @@ from shared.problems import pressed, scene_of, surface_problem
 from stickslip.solvers.interface.prepare import condensed
 from stickslip.solvers.interface.problem import SurfaceProblem
 from stickslip.solvers.iteration import Status
+from stickslip.solvers.laws.friction import Coulomb
 from stickslip.solvers.methods.condensed_newton import CondensedNewton
 from stickslip.solvers.newton import condensed_system
 from stickslip.solvers.newton.active_set import linearise
@@ -45,8 +46,21 @@ def test_a_system_is_solved_and_springs_hold_bodies_where_they_were(hold: float,
     forces, R = problem.load.f_c - surface.forces(p), surface.R
     give = u - R @ (R.T @ (u - np.diag(np.asarray(surface.flexibility)) * forces))
     assert_allclose(give, np.diag(np.asarray(surface.flexibility)) * forces, atol=1e-8 * np.abs(u).max())
-    moved = R.T @ (u - give - before)
+    moved = R.T @ (u - before)
     assert_allclose(R.T @ forces, hold * surface.rho * moved, atol=1e-8 * np.abs(forces).sum())
+
+
+def test_a_motion_that_nothing_resists_stays_where_it_stood() -> None:
+    """Without friction the block that is pressed down could slide; neither the model nor what follows moves it."""
+    down = {"pull": {"boundary": "block.top", "traction": [0.0, -0.1]}}
+    problem = surface_problem(prepare(scene_of(base=BASE, loads=down)))
+    smooth = tuple(replace(rows, friction=Coulomb(mu=0.0)) for rows in problem.cone.contacts)
+    problem = replace(problem, cone=replace(problem.cone, contacts=smooth))
+    across = problem.surface.R.T @ np.tile([1.0, 0.0], problem.surface.size // 2)
+    start = at_rest(attempts(problem))
+    assert start is not None
+    for u in (start.u_c, CondensedNewton(rtol=1e-10)(problem, np.zeros_like(problem.gap)).u_c):
+        assert abs(across @ (problem.surface.R.T @ u)) < 1e-7 * np.abs(u).max()
 
 
 def test_a_motion_that_is_not_held_is_refused(problem: SurfaceProblem) -> None:
