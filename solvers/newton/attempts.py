@@ -273,8 +273,10 @@ class Attempts(Driver):
             weight = 0.0
             if known:
                 x = self.judged(k, p, w, u)
-                # what other pairs leave the tolerance may hide, and it would be passed on from search to search
-                yield replace(x, enough=False) if problem.guess is not None and k == 0 else x
+                # what other pairs leave the tolerance may hide, and it would be passed on from search to search; of a
+                # start that is near a loose one may hide what the next active set shows
+                hidden = start.near and not proximal and k == number + (not start.in_equilibrium)
+                yield replace(x, enough=False) if hidden or (problem.guess is not None and k == 0) else x
                 if self.problem is not problem:
                     problem, least = self.problem, np.inf
                     search = LineSearch(problem, gamma)

@@ -404,7 +404,7 @@ def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
     monkeypatch.setattr(semismooth, "again", lambda *given: ("again", *given))
 
     def make(p: Array, **state: Any) -> list[Any]:
-        made = {"stalled": False, "over": False, "follows": True, "collapse": None, "problem": None, "rest": None}
+        made = dict.fromkeys(("collapse", "problem", "rest")) | {"stalled": False, "over": False, "follows": True}
         tried: Any = SimpleNamespace(**made | {"best": SimpleNamespace(p=2 * p)} | state)
         return [tried, *METHOD._chain(cast("Any", PROBLEM), p, tried)]
 
