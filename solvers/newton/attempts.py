@@ -275,7 +275,7 @@ class Attempts(Driver):
                 x = self.judged(k, p, w, u)
                 # what other pairs leave the tolerance may hide, and it would be passed on from search to search; of a
                 # start that is near a loose one may hide what the next active set shows
-                hidden = start.near and not proximal and k == number + (not start.in_equilibrium)
+                hidden = start.near and k == number + (not start.in_equilibrium) and x.residual > HALF_DIGITS
                 yield replace(x, enough=False) if hidden or (problem.guess is not None and k == 0) else x
                 if self.problem is not problem:
                     problem, least = self.problem, np.inf
