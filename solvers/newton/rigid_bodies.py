@@ -61,15 +61,15 @@ class RigidBodies:
         forces = (self.moved - spring * self.give).T @ (surface.W[:, None] * x)
         held = spring * np.eye(len(load.resultant)) - forces[:, 1:]
         right = load.resultant - forces[:, 0] + spring * (R.T @ (u - self.F * load.f_c))
+        left, stiffness, motions = np.linalg.svd(held)
         # of the largest stiffness: what resists a motion less does not resist it; springs do, however soft they are
-        inverse = np.linalg.inv(held) if spring else np.linalg.pinv(held, rcond=ROUNDING)
-        b = inverse @ right
+        felt = stiffness > (0.0 if spring else ROUNDING) * stiffness.max(initial=0.0)
+        b = motions[felt].T @ ((left[:, felt].T @ right) / stiffness[felt])
         p = x[:, 0] - x[:, 1:] @ b
         if not spring:
             laws.refuse_unbalanced(p)
         found = self.F * (load.f_c - surface.forces(p)) + R @ b
-        off = R.T @ (u - found)
-        return p, found + R @ (off - inverse @ (held @ off))
+        return p, found + R @ (motions[~felt].T @ (motions[~felt] @ (R.T @ (u - found))))
 
 
 def at_rest(attempts: Attempts) -> Start | None:
