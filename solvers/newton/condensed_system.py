@@ -153,14 +153,26 @@ def _scaled(factor: Array, matrix: Sparse) -> Sparse:
 
 
 def saddle_point(A: Array, B: Array, C: Array, D: Array, f: Array, g: Array) -> tuple[Array, Array]:
-    """Solve A x + B y = f, C x + D y = g.
-
-    Blocks are scaled to one size first: else the pivots depend on what is called a metre, and so does the rounding.
+    """Solve A x + B y = f, C x + D y = g, see `balanced`.
 
     Returns:
         x (m,) and y (r,).
     """
-    size = np.abs(A).max(initial=0.0) or 1.0
-    of, by = (size / (np.abs(block).max(initial=0.0) or size) for block in (B, C))
-    found = np.linalg.solve(np.block([[A, of * B], [by * C, by * of * D]]), np.concatenate([f, by * g]))
+    matrix, of, by = balanced(A, B, C, D)
+    found = np.linalg.solve(matrix, np.concatenate([f, by * g]))
     return found[: len(A)], of * found[len(A) :]
+
+
+def balanced(A: Array, B: Array, C: Array, D: Array) -> tuple[Array, float, float]:
+    """The matrix of a saddle point with its blocks scaled to one size.
+
+    Else the pivots depend on what is called a metre, and so does the rounding. Where D is all that its rows have, C is
+    rounding: a pivot in it would drown B in D.
+
+    Returns:
+        The matrix (m + r, m + r), and the factors of its last r columns and of its last r rows.
+    """
+    size = np.abs(A).max(initial=0.0) or 1.0
+    of = size / (np.abs(B).max(initial=0.0) or size)
+    by = size / (max(np.abs(C).max(initial=0.0), of * np.abs(D).max(initial=0.0)) or size)
+    return np.block([[A, of * B], [by * C, by * of * D]]), of, by

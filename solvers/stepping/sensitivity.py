@@ -67,11 +67,7 @@ class Tangent:
         held = (self._A_p @ self._E).toarray() - surface.coupling(self._A_w, W @ self._E)
         moved, balance = self._A_w @ (surface.N @ R), R.T @ (surface.N.T @ (W @ self._E))
         unfelt = condensed_system.unfelt(laws, surface)
-        size = np.abs(held).max(initial=0.0) or 1.0
-        of, by = (size / (np.abs(block).max(initial=0.0) or size) for block in (moved, balance))
-        self._of, self._by = of, by  # blocks are scaled to one size, see `saddle_point`
-        own = by * of * surface.rho * unfelt if unfelt.any() else np.zeros((R.shape[1], R.shape[1]))
-        matrix = np.block([[held, of * moved], [by * balance, own]])
+        matrix, self._of, self._by = condensed_system.balanced(held, moved, balance, surface.rho * unfelt)
         self._factor: Array = matrix
         self._pivots: Array = np.zeros(0)
         singular = 0

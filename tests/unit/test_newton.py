@@ -214,6 +214,16 @@ def test_a_saddle_point_is_solved_alike_whatever_is_called_a_metre() -> None:
         assert_array_equal(farther, y * metre)
 
 
+def test_a_saddle_point_keeps_its_digits_where_rounding_stands_beside_springs() -> None:
+    """Of a stiff body on soft springs, tractions in balance push its motion by their last digits alone."""
+    rng = np.random.default_rng(6)
+    A, B, C = (rng.normal(size=size) for size in ((8, 8), (8, 1), (1, 8)))
+    x = rng.normal(size=8)
+    found, y = saddle_point(A, B, 1e-14 * C, np.full((1, 1), 1e7), A @ x + B[:, 0] * 1e-7, np.ones(1))
+    assert_allclose(y, 1e-7, rtol=1e-12)
+    assert_allclose(found, x, rtol=1e-11)
+
+
 def test_rows_that_slip_are_known() -> None:
     problem = surface_problem(prepare(pressed(2, "unilateral", "coulomb", solver=TIGHT)))
     p_hat, states = trial_away_from_kinks(problem.cone, problem.gamma, seed=4)
