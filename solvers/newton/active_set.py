@@ -69,6 +69,15 @@ class ActiveSet:
             A_p, A_w, rhs = sparse.diags(scale) @ A_p, sparse.diags(scale) @ A_w, scale * rhs
         return replace(self, k=k, A_p=A_p, A_w=A_w, rhs=rhs, weight=weight, hold=hold)
 
+    def without(self, rows: Bools) -> ActiveSet:
+        """The system in which the rows (rows,) carry nothing."""
+        rest, A_p, A_w = sparse.diags((~rows).astype(float)), self.A_p, self.A_w
+        A_p, A_w = (rest @ A_p + sparse.diags(rows.astype(float))).tocsr(), (rest @ A_w).tocsr()
+        A_p.eliminate_zeros()
+        A_w.eliminate_zeros()
+        k, rhs = (np.where(rows, 0.0, x) for x in (self.k, self.rhs))
+        return replace(self, k=k, A_p=A_p, A_w=A_w, rhs=rhs, held=self.held & ~rows, slip=self.slip & ~rows)
+
     def without_springs(self) -> ActiveSet:
         """The same system with springs as rows like any other, of one size however stiff they are."""
         scale = 1 / (1 + self.k / self.problem.gamma)

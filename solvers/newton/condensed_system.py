@@ -49,12 +49,19 @@ def solve(laws: ActiveSet, u_c: Array) -> tuple[Array, Array]:
     return p, u_c
 
 
-def unfelt(laws: ActiveSet, surface: CondensedSurface) -> Array:
-    """Projection (r, r) onto the rigid motions that no linearised law resists; zero if there are none."""
-    if not surface.floating:
+def unfelt(laws: ActiveSet, surface: CondensedSurface, of: int | None = None) -> Array:
+    """Projection (r, r) onto the rigid motions that no linearised law resists; zero if there are none.
+
+    Args:
+        laws: the active set.
+        surface: the bodies.
+        of: how many of the rigid motions are meant, the first r; None: all of them.
+    """
+    R = surface.R[:, :of]
+    if not R.size:
         return np.zeros((0, 0))
     scale = np.where(laws.k > 0, laws.k, laws.problem.gamma)
-    resisted = sparse.diags(1 / scale) @ laws.A_w @ (surface.N @ surface.R)
+    resisted = sparse.diags(1 / scale) @ laws.A_w @ (surface.N @ R)
     _, sizes, motions = np.linalg.svd(np.linalg.qr(resisted, mode="r"))
     # of gamma: stiffness of slip below which it does not resist a motion
     free = motions[np.count_nonzero(sizes > ROUNDING) :]

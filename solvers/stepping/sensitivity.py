@@ -403,7 +403,8 @@ class _Solution:
         closing = own.way.any
         moved = [self.q]
         if closing:
-            holding = own.way.holding(self.p)
+            solved = self.tangent.laws.problem
+            holding = own.way.holding(self.p, solved.relative_displacement(self.u_c), solved.gap)
             u_c = own.surface.flexibility @ own.surface.forces(holding)
             moved += volume.expanded([(self.q * 0.0, u_c[: len(u_c) - own.surface.driven])])
         stiffness = {k: [each.solver.system.assembled().product for each in others[k : k + 2]] for k in changed}
@@ -436,7 +437,7 @@ class _Solution:
         problem, p, u_c, R = way.problem, self.p, self.u_c, way.problem.surface.R
         gamma, w, b = problem.gamma, problem.relative_displacement(u_c), R.T @ u_c
         if way.any:
-            problem = replace(problem, gap=way.touched(p, w))
+            problem = replace(problem, gap=way.touched(p, w, problem.gap))
         laws = linearise(problem, p + gamma * (w - problem.gap), gamma)
         begun = problem.gap
         for _ in range(MAX_IT):
@@ -448,7 +449,7 @@ class _Solution:
             w = problem.relative_displacement(u_c)
             if not way.any:
                 break
-            before, problem = problem.gap, replace(problem, gap=way.touched(p, w))
+            before, problem = problem.gap, replace(problem, gap=way.touched(p, w, problem.gap))
             if np.abs(problem.gap - before).max() <= EXACT * np.abs(problem.gap - way.problem.gap).max():
                 break
         found, projected = sets(problem, p + gamma * (w - problem.gap), gamma)
@@ -464,7 +465,7 @@ class _Solution:
         for _ in range(MAX_IT):
             w = problem.relative_displacement(u_c)
             if way.any:
-                problem = replace(problem, gap=way.touched(p, w))
+                problem = replace(problem, gap=way.touched(p, w, problem.gap))
             if memory.start:
                 known = memory.after(problem, p, w)
                 problem = replace(problem, cone=with_memory(memory.cone, known, memory.step, memory.start))

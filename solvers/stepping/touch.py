@@ -3,7 +3,9 @@
 A point that is open at the beginning moves freely until its gap g is closed, and sticks or slips from there on. Without
 the tractions of all points that close it would have gone on to where it is D closer: it touches at the part g / (g + D)
 of that way. The way is that of a solution, for the tractions that hold a point back are then all left out; D follows
-from them and the flexibility. An obstacle goes the same way whether it is driven by a force or its motion is given. Of
+from them and the flexibility. Floating bodies are held by other points, which do what they do at the end: D is that of
+one solve with the laws of these points linearised, where the bodies are condensed; else these points stay where they
+are, as well as they can. An obstacle goes the same way whether it is driven by a force or its motion is given. Of
 bodies that nothing held before the way is a rigid motion in the direction of the contact's force: their solution sticks
 wherever it is started. So bodies that fall on each other, and loads in proportion, have the slip of infinitely short
 steps; elsewhere the error is of second order in the step, as long as ways are straight.
@@ -23,8 +25,11 @@ import numpy as np
 from stickslip.geometry.arrays import CLOSE, EXACT, ROUNDING, SLIGHT, Array, Bools
 from stickslip.solvers.contact.admissible_set import ContactBlock, project_disc
 from stickslip.solvers.interface.problem import SurfaceProblem
+from stickslip.solvers.interface.schur_complement import CondensedSurface
 from stickslip.solvers.iteration import Correction, Solution, Status
 from stickslip.solvers.laws.law import touching
+from stickslip.solvers.newton import condensed_system
+from stickslip.solvers.newton.active_set import linearise
 from stickslip.solvers.newton.correction import CONTRACTION, SOLVES, UNSURE
 
 Solve = Callable[[SurfaceProblem, Array], tuple[Solution, SurfaceProblem]]  # from tractions (rows,) [Pa]
@@ -79,26 +84,28 @@ class Way:
         closed = touching(self.p[n], average, law)
         return np.asarray(touching(p[n], average, law) & ~closed & (average @ (p[n] * self.room[n]) > 0))
 
-    def touched(self, p: Array, w: Array) -> Array:
+    def touched(self, p: Array, w: Array, before: Array) -> Array:
         """Gap (rows,) [m] with slip counted from where points touch that close; collective.
 
         Args:
             p: tractions (rows,) [Pa] at the end.
             w: relative displacement (rows,) [m] at the end.
+            before: gap (rows,) [m] that they are found with.
         """
         problem, gap = self.problem, self.problem.gap.copy()
         closes = self._closes(p)
         rooms = [place.average @ self.room[place.normal] for place in problem.cone.with_friction()]
         if not any(which.any() for which in closes):
             return gap
-        freed = self._freed(p, closes)
-        beyond = w - problem.gap - problem.cone.softness * p + freed
+        found = self._free(p, w, before, closes)
+        free = w - problem.cone.softness * p + self._freed(p, closes) if found is None else found[1]
+        beyond = free - problem.gap
         for place, which, ahead in zip(problem.cone.with_friction(), closes, rooms, strict=True):
             n, t = place.normal, place.tangential
             along, pushed = self._adrift(place, p), problem.surface.W[n] * p[n] * (self.room[n] > 0)
-            way, whole, free = beyond, ahead + np.maximum(place.average @ beyond[n], 0.0), float(pushed @ along[n])
-            if free > 0:
-                way = along * (pushed @ (self.room[n] + beyond[n]) / free)
+            way, whole, length = beyond, ahead + np.maximum(place.average @ beyond[n], 0.0), float(pushed @ along[n])
+            if length > 0:
+                way = along * (pushed @ (self.room[n] + beyond[n]) / length)
                 whole = np.maximum(place.average @ way[n], ahead)
             part = np.divide(ahead, whole, out=np.zeros_like(ahead), where=which)
             gap[t] += np.repeat(part, place.components) * way[t]
@@ -127,14 +134,50 @@ class Way:
     def _closes(self, p: Array) -> list[Bools]:
         return [self.closing(place, p) for place in self.problem.cone.with_friction()]
 
-    def holding(self, p: Array, closes: list[Bools] | None = None) -> Array:
-        """Those of tractions p (rows,) [Pa] that hold back points that close; `closes`: these, None: they are found."""
-        acting, closes = np.zeros_like(p), self._closes(p) if closes is None else closes
+    def holding(self, p: Array, w: Array, gap: Array) -> Array:
+        """What of tractions p (rows,) [Pa] holds back points that close, with what it changes at others."""
+        closes = self._closes(p)
+        free = self._free(p, w, gap, closes)
+        return np.where(self._rows(closes), p, 0.0) if free is None else p - free[0]
+
+    def _rows(self, closes: list[Bools]) -> Bools:
+        """Rows (rows,) of the points that close, by contact with friction."""
+        rows = np.zeros(len(self.p), bool)
         for place, which in zip(self.problem.cone.with_friction(), closes, strict=True):
-            n, t = place.normal, place.tangential
-            acting[n] = np.where((place.average.T @ which.astype(float) > 0) & (self.p[n] == 0), p[n], 0.0)
-            acting[t] = np.where(np.repeat(which, place.components), p[t], 0.0)
-        return acting
+            n = place.normal
+            rows[n] = (place.average.T @ which.astype(float) > 0) & (self.p[n] == 0)
+            rows[place.tangential] = np.repeat(which, place.components)
+        return rows
+
+    def _free(self, p: Array, w: Array, gap: Array, closes: list[Bools]) -> tuple[Array, Array] | None:
+        """What would be without points that close, if all others did what they do at the end and held floating bodies.
+
+        Returns:
+            Tractions (rows,) [Pa] and relative displacement (rows,) [m]; None: nothing else holds them, none float, or
+            the form of the bodies is iterative.
+        """
+        surface, load = self.problem.surface, self.problem.load
+        bodies = surface.R.shape[1] - surface.driven
+        if not bodies or not isinstance(surface, CondensedSurface):
+            return None
+        f_c = load.f_c + self.added
+        load = replace(load, f_c=f_c, resultant=surface.R.T @ f_c)
+        problem = replace(self.problem, gap=gap, load=load)
+        laws = linearise(problem, p + problem.gamma * (w - gap), problem.gamma).without(self._rows(closes))
+        u = surface.flexibility @ (f_c - surface.forces(p))
+        moved = problem.relative_displacement(u)
+        at = u + surface.R @ np.linalg.lstsq(surface.N @ surface.R, w - moved, rcond=None)[0]
+        if condensed_system.unfelt(laws, surface, bodies).any():
+            return None
+        stays = np.diag(np.where(np.arange(surface.R.shape[1]) < bodies, 0.0, surface.rho / ROUNDING))  # obstacles
+        try:
+            found, u = condensed_system.by_tractions(laws, surface, stays, at)
+            carried = surface.R.T @ surface.forces(found)
+            load = replace(load, resultant=np.append(load.resultant[:bodies], carried[bodies:]))
+            replace(laws, problem=replace(problem, load=load)).refuse_unbalanced(found)
+        except np.linalg.LinAlgError:
+            return None
+        return found, problem.relative_displacement(u)
 
     def _freed(self, p: Array, closes: list[Bools]) -> Array:
         """Relative displacement (rows,) [m] that the tractions of points that close have taken; collective.
@@ -146,7 +189,7 @@ class Way:
             p: tractions (rows,) [Pa] at the end.
             closes: by contact with friction, points that close.
         """
-        problem, surface, acting = self.problem, self.problem.surface, self.holding(p, closes)
+        problem, surface, acting = self.problem, self.problem.surface, np.where(self._rows(closes), p, 0.0)
         forces, closed, wanted = surface.forces(acting) + self.added, self.p != 0, np.zeros_like(p)
         bodies = self._motions[:, : surface.R.shape[1] - surface.driven]
         if surface.floating and closed.any():  # these take up the forces, as rigid bodies would share them out
@@ -236,7 +279,7 @@ class Touch:
             w: its relative displacement (rows,) [m].
             before: gap (rows,) [m] that it was found with.
         """
-        problem, gap = self.way.problem, self.way.touched(p, w)
+        problem, gap = self.way.problem, self.way.touched(p, w, before)
         change, settled = gap - before, max(self.way.tolerance, EXACT) * problem.u_ref
         allowed = np.maximum(settled, problem.scales.no_motion(self.way.w))
         self.felt = change if self.on_the_way else self.way.felt(change, p, w, before)

@@ -895,6 +895,29 @@ def test_what_holds_closing_points_back_has_one_energy(floating: SurfaceProblem)
     assert work[0, 1] == pytest.approx(work[1, 0], rel=1e-9)
 
 
+def test_without_points_that_close_the_others_go_on() -> None:
+    """A floating block stands on the ends of its bottom, where it sticks, until the middle of it touches."""
+    problem = problem_of(PULLED, mu=9.0)
+    (place,) = problem.cone.places
+    middle = np.zeros(len(problem.gap), bool)
+    middle[place.normal] = np.abs(place.rows.surface.points[:, 0] - 1.0) < 0.6
+    newton = SemismoothNewton(rtol=1e-12, max_it=100, linear=condensed_system.solve)
+    alone = newton(replace(problem, gap=np.where(middle, 10 * problem.u_ref, problem.gap)), 0 * problem.gap)
+    room = float((alone.w - problem.gap)[middle].max()) / 2
+    posed = replace(problem, gap=np.where(middle, problem.gap + room, problem.gap))
+    whole = newton(posed, 0 * problem.gap)
+    way = Way(posed, alone.p / 2, np.where(middle, problem.gap, alone.w / 2), 0.0)
+    closes = way._closes(whole.p)
+    assert 0 < closes[0].sum() < len(closes[0])
+    assert not whole.p[middle & ~way._rows(closes)].any()
+    found = way._free(whole.p, whole.w, posed.gap, closes)
+    assert found is not None
+    assert_allclose(found[0], alone.p, atol=1e-9 * np.abs(alone.p).max())
+    assert_allclose(found[1], alone.w, atol=1e-9 * problem.u_ref)
+    assert_allclose(way.holding(whole.p, whole.w, posed.gap), whole.p - found[0])
+    assert way._free(whole.p, whole.w, posed.gap, [np.ones_like(closes[0])]) is None  # nothing else holds it
+
+
 def test_trial_tractions_of_an_answer_are_projected_onto_it() -> None:
     problem = problem_of(DRIVEN, {"law": "compliance", "c_n": 20.0})
     answer = np.where(np.arange(len(problem.gap)) < problem.surface.normal_rows, 0.3, 0.05)
