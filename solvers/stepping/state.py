@@ -141,8 +141,12 @@ class State:
         if self.previous is None:
             return self.p
         far = (time - self.time) / (self.time - self.previous.time)
-        # relative; times that differ by less are equal
         # times the last substep; an extrapolation farther ahead would amplify what its iteration left
-        if far > 100.0 or any(abs(turn - self.time) <= EXACT * self.time for turn in turns):
+        if far > 100.0 or self.turned(turns):
             return self.p
         return self.p + far * (self.p - self.previous.p)
+
+    def turned(self, turns: Iterable[float]) -> bool:
+        """Whether a load or motion turns here; `turns`: times [s] at which one does."""
+        # relative; times that differ by less are equal
+        return any(abs(turn - self.time) <= EXACT * self.time for turn in turns)

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import slow
 from shared.problems import SceneOf, SimulationOf, march
+from shared.solved import coarse
 from stickslip import Energy, Scene, SolverError, Steps
 from stickslip.geometry.arrays import EXACT, LAST_DIGITS, Array
 from stickslip.geometry.mesh.mesh import write_msh
@@ -236,6 +237,12 @@ def test_what_slides_before_it_touches_is_no_slip(scene_of: SceneOf, simulation_
         assert true < 3 * (stated[key].time_step or 0.0) + 1e-12
     force = Quantity("contacts", "base", "tangential_force")
     assert quantities(steps[-1])[force] == pytest.approx(exact[force], rel=1e-9)
+
+
+def test_what_slipped_sticks_where_the_motion_turns(simulation_of: SimulationOf) -> None:
+    """Newton's method begins with that: with all of them slipping on it takes 16 to 18 iterations a turn."""
+    steps = simulation_of(read("hysteresis", coarse("hysteresis"))).steps()
+    assert max(step.iterations for step in steps) <= 8
 
 
 MOVED = {"x": [[0, 0], [1, 0], [2, 0.02]], "y": [[0, 0], [1, -0.05]]}
