@@ -111,7 +111,7 @@ class Start:
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     """The starts that need no excuse: the tractions of the last step.
 
-    Where they lack far more than there is, because little but contact holds the bodies, they tell the active set alone.
+    Where they are far from a solution, they tell the active set alone.
     Floating bodies without any start from all points closed, if the load would close them; if nothing pushes them, from
     where they stood, behind what still squeezes them.
 
@@ -123,7 +123,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     if not surface.floating:
         start = Start.at(problem, p, problem.contact_displacement(p))
         lacking = problem.natural_residual(p, problem.relative_displacement(start.u_c))
-        yield Start.as_if(problem, p, p) if p.any() and NEAR * lacking > 1 else start
+        yield Start.as_if(problem, p, p) if p.any() and lacking > NEAR else start
         return
     if problem.p_ref == 0:  # no load and no motion: the answer is zero
         yield Start.at(problem, np.zeros_like(p), np.zeros(surface.size))
