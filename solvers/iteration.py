@@ -50,7 +50,7 @@ def ignore(step: Step) -> None:
 
 @dataclass
 class Stall:
-    """Notices a residual that has stopped falling: for `window` iterations none was below half the smallest.
+    """Notices a residual that has stopped falling: for `window` iterations none was below a part of the smallest.
 
     >>> stall = Stall(window=2)
     >>> [stall(k, residual) for k, residual in enumerate((1.0, 0.6, 0.4, 0.2, 0.3, 0.3))]
@@ -62,6 +62,7 @@ class Stall:
 
     window: int
     start: int = -1  # residuals of iterations up to this one do not count
+    part: float = 0.5
     least: float = field(default=np.inf, init=False)  # the smallest residual that counts
     found_at: int = field(default=0, init=False)  # its iteration
 
@@ -69,7 +70,7 @@ class Stall:
         """Whether the iteration has stalled at iteration k; called once in each, with its residual."""
         if k <= self.start:
             return False
-        if residual < self.least / 2:
+        if residual < self.part * self.least:
             self.least, self.found_at = residual, k
         return k - self.found_at > self.window
 

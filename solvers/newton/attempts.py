@@ -57,6 +57,7 @@ class Start:
     factor: float | Array = 1.0  # that multiplies gamma
     in_equilibrium: bool = True  # whether u_c is the displacement under p
     near: bool = False  # to a solution: where its residual rises a plain attempt ends, a damped one begins to be damped
+    brief: bool = False  # whether an attempt ends where its residual does not fall tenfold in a few iterations
 
     @staticmethod
     def at(problem: SurfaceProblem, p: Array, u_c: Array, factor: float | Array = 1.0) -> Start:
@@ -235,7 +236,7 @@ class Attempts(Driver):
             proximal: weight of the proximal term of a damped attempt [-]; None: plain Newton.
         """
         number = self.last + start.in_equilibrium if self.history else 0  # of the start
-        window = Stall(QUICK if proximal else QUICK // 2, number)
+        window = Stall(QUICK // 3, number, 0.1) if start.brief else Stall(QUICK if proximal else QUICK // 2, number)
 
         def stalls(k: int, residual: float) -> bool:
             lost = proximal is None and window.least < NEAR and residual > 1  # it was near, and is nowhere

@@ -74,8 +74,10 @@ class Point:
         return Point(*(a + share * (b - a) for a, b in zip(at, to, strict=True)))
 
 
-def way(attempts: Attempts, rest: Start) -> Iterator[Start]:
+def way(attempts: Attempts, rest: Start) -> Iterator[Start | None]:
     """Where the way leads from `rest`, if near; none where no point only presses there.
+
+    Before that None, where it is long: something else may be tried before it goes on.
 
     Args:
         attempts: those so far, at a problem of bodies that are known.
@@ -86,29 +88,44 @@ def way(attempts: Attempts, rest: Start) -> Iterator[Start]:
         presses[place.normal] = place.rows.normal.sides == 1
     if not rest.p[: len(presses)][presses].any():
         return
-    attempts.problem = replace(problem, touch=copy(problem.touch))  # it remembers where it was asked
-    found = attempts.run(inner(attempts, first(problem, rest, presses), presses))
-    if not attempts.over and found.residual <= NEAR:
+    points, stalls = inner(attempts, first(problem, rest, presses), presses), Stall(QUICK // 2)
+    own, falls = replace(problem, touch=copy(problem.touch)), True  # it remembers where it was asked
+
+    def until(last: int) -> Iterator[Iterate]:
+        nonlocal falls
+        for x, mean in points:
+            yield x
+            falls = not stalls(x.number, mean)
+            if not falls or x.number >= last:
+                return
+
+    for most in (ATTEMPT // 4, ATTEMPT):
+        attempts.problem, last = own, attempts.last + most
+        found = attempts.run(until(last))
+        own = attempts.problem
+        if attempts.over:
+            return
+        if most == ATTEMPT or not falls or attempts.last < last:
+            break
+        yield None
+    if found.residual <= NEAR:
         start = Start.at(attempts.problem, found.p, found.u_c)
         yield replace(start, in_equilibrium=False, near=True)
 
 
-def inner(attempts: Attempts, x: Point, presses: Bools) -> Iterator[Iterate]:
-    """Iterates of the way, projected, up to a slight residual, or up to where p y stays as large as it is.
+def inner(attempts: Attempts, x: Point, presses: Bools) -> Iterator[tuple[Iterate, float]]:
+    """Iterates of the way, projected, up to a slight residual, and the mean of p y [Pa m] before each.
 
     Args:
         attempts: those so far, at a problem of the bodies.
         x: the first point.
         presses: (normal rows,) whether a point only presses.
     """
-    n, stalls = attempts.problem.surface.normal_rows, Stall(QUICK // 2)
-    number, fall, lacks = attempts.last, 0.5, 1.0
+    n, fall, lacks = attempts.problem.surface.normal_rows, 0.5, 1.0
     try:
-        for k in range(number + 1, number + ATTEMPT):
-            problem, gamma = attempts.problem, attempts.problem.gamma
+        for _ in range(ATTEMPT):
+            k, problem, gamma = attempts.last + 1, attempts.problem, attempts.problem.gamma
             mean = float((x.p[:n] * x.y)[presses].mean())
-            if stalls(k, mean):
-                return
             tau = fall * mean
             posed, trial = on_the_way(problem, x, tau)
             p, u = attempts.bodies.solve(linearise(posed, trial, gamma), x.p, x.u)
@@ -125,7 +142,7 @@ def inner(attempts: Attempts, x: Point, presses: Bools) -> Iterator[Iterate]:
             found = attempts.judged(k, problem.project(hat, gamma), x.w, x.u)
             off = np.abs(found.p - x.p).max() / problem.scales.of_tractions(x.p)  # from those that w belongs to
             residual = max(found.residual, off, lacks)
-            yield replace(found, residual=residual, enough=False)  # strained bodies may lack more at first
+            yield replace(found, residual=residual, enough=False), mean  # strained bodies may lack more at first
             if share > 0.5 and residual <= SLIGHT:
                 return
     except np.linalg.LinAlgError:

@@ -97,15 +97,23 @@ class SemismoothNewton:
 def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
     """Where an interior point leads floating bodies from where rigid ones would rest, and where they settle from there.
 
-    Bodies that are held, or whose rest is not found, begin from soft contact: of the solutions of held ones an interior
-    point may find another than the history does.
+    Where the interior point is slow a damped attempt from the rest itself comes first. Bodies that are held, or whose
+    rest is not found, begin from soft contact: of the solutions of held ones an interior point may find another than
+    the history does.
 
     Args:
         attempts: those so far.
     """
     before, rest = (attempts.best, attempts.problem), at_rest(attempts)
     for start in way(attempts, rest) if rest else ():
-        yield start, None
+        if start is None and rest:
+            attempts.best, attempts.problem = before
+            yield replace(rest, brief=True), FIRM[0]
+            if attempts.over:
+                return
+            attempts.best, attempts.problem = before
+        elif start:
+            yield start, None
     if attempts.over:
         return
     attempts.best, attempts.problem = before  # residuals are small on the way, however far it is where it fails

@@ -636,7 +636,7 @@ def test_assemblies_take_a_dozen_iterations(name: str, mu: float, coarser: float
 
 
 COARSE = {  # most iterations of the first step, and of further ones
-    "arch": (2, 1), "ball": (18, 6), "blade": (8, 12), "clevis": (14, 7), "drum": (20, 9),
+    "arch": (2, 1), "ball": (18, 6), "blade": (8, 12), "clevis": (14, 7), "cone": (23, 9), "drum": (20, 9),
     "gears": (9, 2), "logs": (44, 2), "rings": (8, 4), "wedge": (6, 7),
 }  # fmt: skip
 

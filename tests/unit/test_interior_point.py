@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from shared.cases import every_nth
 from shared.problems import pressed, scene_of, surface_problem
@@ -250,8 +250,26 @@ def test_a_way_goes_on_counting_and_is_no_longer_than_an_attempt(monkeypatch: py
     assert [step.iteration for step in attempt.history] == [*range(1, len(attempt.history) + 1)]
     assert len(attempt.history) % 2 == 0
     monkeypatch.setattr(interior_point, "ATTEMPT", 4)
-    assert not list(way(short, rest))
-    assert [step.iteration for step in short.history] == [1, 2, 3]
+    assert list(way(short, rest)) == [None]
+    assert [step.iteration for step in short.history] == [1, 2, 3, 4]
+
+
+def test_a_long_way_waits_for_what_may_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then it goes on from where it was, however many iterations there were in between."""
+    whole, attempt = (Attempts(floating(), Bodies(floating()), 0.0, 500) for _ in range(2))
+    rest, (end,) = far(floating()), way(whole, far(floating()))
+    monkeypatch.setattr(interior_point, "ATTEMPT", 12)
+    points, problem = way(attempt, rest), attempt.problem
+    assert next(points) is None
+    assert attempt.last == 3
+    attempt.problem = problem
+    attempt.run(iter([Iterate(9, 1.0, rest.p, rest.p, rest.u_c)]))
+    (start,) = points
+    assert end is not None
+    assert start is not None
+    assert_array_equal(start.p, end.p)
+    assert attempt.last == whole.last + 6
+    assert [step.iteration for step in attempt.history[:5]] == [1, 2, 3, 9, 10]
 
 
 def test_there_is_no_way_where_no_point_only_presses() -> None:

@@ -441,6 +441,25 @@ def test_starts_come_in_their_order(rest: Any, order: Callable[..., list[Any]]) 
     assert len(order(p, stalled=True, best=None, over=True)) == 3
 
 
+def test_where_the_way_is_long_a_damped_attempt_comes_first(
+    order: Callable[..., list[Any]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    zero, tries = np.zeros(1), list[Any]()
+    rest = Start(p=zero, u_c=zero, p_hat=zero)
+
+    def way(tried: Any, rest: Start) -> Iterator[Any]:
+        tried.problem = "way"
+        yield None
+        tries.append(tried.problem)
+        yield "start"
+
+    monkeypatch.setattr(semismooth, "way", way)
+    found = order(np.ones(1), rest=rest)[1:]
+    assert found[2:4] == [(replace(rest, brief=True), FIRM[0]), ("start", None)]
+    assert tries == [None]  # the attempt does not know where points touched on the way
+    assert len(found) == len(order(np.ones(1), rest=None)[1:]) + 2
+
+
 @pytest.mark.parametrize("pressed", [0.0, 1.0])
 def test_a_mechanism_ends_the_chain_of_what_has_tractions(
     pressed: float, order: Callable[..., list[Any]], monkeypatch: pytest.MonkeyPatch
