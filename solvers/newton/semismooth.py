@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stickslip.geometry.arrays import Array
+from stickslip.geometry.arrays import SLIGHT, Array
 from stickslip.solvers.contact.admissible_set import AdmissibleSet
 from stickslip.solvers.interface.limit_analysis import Mechanism
 from stickslip.solvers.interface.problem import SurfaceProblem
@@ -114,6 +114,8 @@ def into_contact(attempts: Attempts) -> Iterator[tuple[Start, float | None]]:
             attempts.best, attempts.problem = before
         elif start:
             yield start, None
+            if not attempts.over and attempts.best and attempts.best.residual < SLIGHT:
+                yield replace(again(attempts.problem, attempts.best), near=True, brief=True), FIRM[0]
     if attempts.over:
         return
     attempts.best, attempts.problem = before  # residuals are small on the way, however far it is where it fails

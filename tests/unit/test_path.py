@@ -405,7 +405,7 @@ def order(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
 
     def make(p: Array, **state: Any) -> list[Any]:
         made = dict.fromkeys(("collapse", "problem", "rest")) | {"stalled": False, "over": False, "follows": True}
-        tried: Any = SimpleNamespace(**made | {"best": SimpleNamespace(p=2 * p)} | state)
+        tried: Any = SimpleNamespace(**made | {"best": SimpleNamespace(p=2 * p, residual=1.0)} | state)
         return [tried, *METHOD._chain(cast("Any", PROBLEM), p, tried)]
 
     return make
@@ -457,6 +457,10 @@ def test_where_the_way_is_long_a_damped_attempt_comes_first(
     found = order(np.ones(1), rest=rest)[1:]
     assert found[2:4] == [(replace(rest, brief=True), FIRM[0]), ("start", None)]
     assert tries == [None]  # the attempt does not know where points touched on the way
+    monkeypatch.setattr(semismooth, "again", lambda *given: replace(rest, factor=2.0))
+    best = SimpleNamespace(p=zero, residual=1e-4)
+    again = order(np.ones(1), rest=rest, best=best)[5]
+    assert again == (replace(rest, factor=2.0, near=True, brief=True), FIRM[0])  # the way led nearly there
     assert len(found) == len(order(np.ones(1), rest=None)[1:]) + 2
 
 
