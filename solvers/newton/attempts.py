@@ -83,7 +83,7 @@ class Start:
         Tractions do not determine where floating bodies are: what is closed, sticks or slips under them does. If they
         are far from a solution, they tell the active set alone.
         """
-        surface, start = problem.surface, Start.as_if(problem, p, p)
+        surface, start = problem.surface, Start.as_if(problem, p, p).stuck(problem)
         if problem.give is None:
             return start
         u_c = condensed(surface).flexibility @ (problem.load.f_c - surface.forces(p))
@@ -95,7 +95,7 @@ class Start:
         u_c = u_c + surface.R @ np.linalg.lstsq(moves, left, rcond=HALF_DIGITS)[0]
         if problem.natural_residual(p, problem.relative_displacement(u_c)) > NEAR:
             return start
-        return replace(Start.at(problem, p, u_c), in_equilibrium=False)
+        return replace(Start.at(problem, p, u_c), in_equilibrium=False).stuck(problem)
 
     @staticmethod
     def where_it_stood(problem: SurfaceProblem, p: Array) -> Start:
@@ -107,6 +107,13 @@ class Start:
         p_hat = p + problem.gamma * r
         p_hat[np.abs(p_hat) <= problem.scales.no_traction] = 0.0
         return Start(p=p, u_c=problem.u_before, p_hat=p_hat, in_equilibrium=False)
+
+    def stuck(self, problem: SurfaceProblem) -> Start:
+        """The same where a load or motion turns, but for what is at its friction bound: it sticks from there on."""
+        if not problem.turned:
+            return self
+        tangential = np.arange(len(self.p)) >= problem.surface.normal_rows
+        return replace(self, p_hat=self.p_hat - SLIGHT * self.p * tangential, in_equilibrium=False)
 
 
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
@@ -124,7 +131,7 @@ def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:
     if not surface.floating:
         start = Start.at(problem, p, problem.contact_displacement(p))
         lacking = problem.natural_residual(p, problem.relative_displacement(start.u_c))
-        yield Start.as_if(problem, p, p) if p.any() and lacking > NEAR else start
+        yield (Start.as_if(problem, p, p) if p.any() and lacking > NEAR else start).stuck(problem)
         return
     if problem.p_ref == 0:  # no load and no motion: the answer is zero
         yield Start.at(problem, np.zeros_like(p), np.zeros(surface.size))

@@ -663,7 +663,7 @@ def test_links_of_a_chain_turn_by_their_own_thickness_until_they_find_hold() -> 
     assert len(found["iterations"]) == 3
 
 
-@pytest.mark.parametrize(("name", "most"), [("clevis", (14, 9)), ("hinge", (16, 12)), ("ball", (16, 20))])
+@pytest.mark.parametrize(("name", "most"), [("clevis", (16, 9)), ("hinge", (16, 12)), ("ball", (16, 20))])
 def test_points_that_close_and_pairs_that_change_cost_little(name: str, most: tuple[int, int]) -> None:
     """Of clevis and hinge points close in a further step; of the ball the first one ends with other pairs."""
     found = assemblies.measure(next(case for case in assemblies.copies([name]) if case.mu == 0.1))
