@@ -38,7 +38,7 @@ class SurfaceProblem:
     force: float  # applied force, sum of magnitudes [N]
     stiffness: float  # E / L [Pa/m], L the extent of the bodies
     touch: Callable[[Array, Array, Array], Array] | None = None  # the gap by p and w, see `stepping/touch`
-    turned: bool = False  # whether a load or motion turns where the step begins
+    turned: Array | None = None  # tractions (rows,) [Pa] at which a load or motion turns, where the step begins
     guess: Array | None = None  # (c,) [m] with the tractions that it is solved from, of pairs that lay almost there
 
     @cached_property

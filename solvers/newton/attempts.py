@@ -110,7 +110,7 @@ class Start:
 
     def stuck(self, problem: SurfaceProblem) -> Start:
         """The same where a load or motion turns, but for what is at its friction bound: it sticks from there on."""
-        if not problem.turned:
+        if problem.turned is None or not np.array_equal(self.p, problem.turned):
             return self
         tangential = np.arange(len(self.p)) >= problem.surface.normal_rows
         return replace(self, p_hat=self.p_hat - SLIGHT * self.p * tangential, in_equilibrium=False)

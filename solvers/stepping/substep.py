@@ -324,7 +324,7 @@ class SubstepSolver:
             offset=relative_displacement(system, u_s, time, np.zeros(self.surface.driven)),
             u_before=self.at_contact(state) if self.surface.floating else np.zeros(self.surface.size),
             gap=np.concatenate([*(c.gap for c in cone.contacts), (state.w - self.cone.give(state.p))[n:]]),
-            turned=state.guess is None and state.turned(system.course.timeline.turns),
+            turned=state.p if state.previous and state.turned(system.course.timeline.turns) else None,
             gamma=self.gamma,
             weight=self.weight,
             force=sum_of_sizes(external) + float(np.abs(driving).sum()),

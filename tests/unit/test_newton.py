@@ -769,7 +769,7 @@ def test_no_step_raises_the_merit() -> None:
 
 
 def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem, monkeypatch: pytest.MonkeyPatch) -> None:
-    p, held, n = np.ones(len(held.gap)), replace(held, turned=False), held.surface.normal_rows
+    p, n = np.ones(len(held.gap)), held.surface.normal_rows
     (far,) = first_starts(held, p)  # of no solution near: the active set alone
     assert_allclose(far.p_hat, p, rtol=2 * CLOSE)
     assert not far.in_equilibrium
@@ -781,7 +781,8 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem, monkeypatch: 
             u_c = held.contact_displacement(p)
             assert_allclose(start.u_c, u_c)
             assert_allclose(start.p_hat, p + held.gamma * (held.relative_displacement(u_c) - held.gap))
-            turned = next(first_starts(replace(held, turned=True), p))
+            assert next(first_starts(replace(held, turned=2 * p), p)).in_equilibrium == near
+            turned = next(first_starts(replace(held, turned=p.copy()), p))
             assert_allclose(turned.p_hat[:n], start.p_hat[:n])
             assert_allclose(turned.p_hat[n:], start.p_hat[n:] - SLIGHT)  # what slipped sticks
             assert (turned.p is p, turned.in_equilibrium) == (True, False)
@@ -795,7 +796,7 @@ def test_starts_of_bodies_that_supports_hold(held: SurfaceProblem, monkeypatch: 
 
 
 def test_starts_of_floating_bodies(floating: SurfaceProblem) -> None:
-    p, floating = np.ones(len(floating.gap)), replace(floating, turned=False)
+    p = np.ones(len(floating.gap))
     (last,) = first_starts(floating, p)
     assert_allclose(last.p_hat, p, rtol=2 * CLOSE)  # no solution is near: the active set alone
     shut, rigid = other_starts(floating, p)
