@@ -110,10 +110,10 @@ class Start:
 
     def stuck(self, problem: SurfaceProblem) -> Start:
         """The same where a load or motion turns, but for what is at its friction bound: it sticks from there on."""
-        if problem.turned is None or not np.array_equal(self.p, problem.turned):
+        tractions = np.where(np.arange(len(self.p)) < problem.surface.normal_rows, 0.0, self.p)
+        if problem.turned is None or not np.array_equal(self.p, problem.turned) or not tractions.any():
             return self
-        tangential = np.arange(len(self.p)) >= problem.surface.normal_rows
-        return replace(self, p_hat=self.p_hat - SLIGHT * self.p * tangential, in_equilibrium=False)
+        return replace(self, p_hat=self.p_hat - SLIGHT * tractions, in_equilibrium=False)
 
 
 def first_starts(problem: SurfaceProblem, p: Array) -> Iterator[Start]:

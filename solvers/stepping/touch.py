@@ -137,7 +137,7 @@ class Way:
     def holding(self, p: Array, w: Array, gap: Array) -> Array:
         """What of tractions p (rows,) [Pa] holds back points that close, with what it changes at others."""
         closes = self._closes(p)
-        free = self._free(p, w, gap, closes)
+        free = self._free(p, w, gap, closes) if any(which.any() for which in closes) else None
         return np.where(self._rows(closes), p, 0.0) if free is None else p - free[0]
 
     def _rows(self, closes: list[Bools]) -> Bools:
