@@ -62,7 +62,7 @@ class Stall:
 
     window: int
     start: int = -1  # residuals of iterations up to this one do not count
-    part: float = 0.5
+    part: float = 0.5  # of the smallest that a residual has to be below
     least: float = field(default=np.inf, init=False)  # the smallest residual that counts
     found_at: int = field(default=0, init=False)  # its iteration
 
